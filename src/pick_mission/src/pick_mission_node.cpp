@@ -1,24 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <atomic>
 #include <exception>
 
 #include <interactive_mapping_common_ros/node_main.h>
 #include <ros/ros.h>
-#include <ros/xmlrpc_manager.h>
 
 #include "pick_mission_ros/pick_mission_ros.h"
 
 namespace {
 constexpr double kStop_s = 3.0;  // wall time for what goes on to end
-
-std::atomic<bool> is_shutdown_asked{false};
-
-/// Of `rosnode kill`, and of the master when another node takes the name: roscpp's own would shut ROS down at once, and
-/// nothing could be cancelled any more.
-void onShutdown(XmlRpc::XmlRpcValue& /*parameters*/, XmlRpc::XmlRpcValue& result) {
-  is_shutdown_asked = true;
-  result = ros::xmlrpc::responseInt(1, "", 0);
-}
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -28,11 +17,10 @@ int main(int argc, char** argv) {
   // Outside the block that may throw: with the last handle goes ROS's log, and with that the reason.
   const ros::NodeHandle nh;
   const ros::NodeHandle private_nh("~");
-  ros::XMLRPCManager::instance()->unbind("shutdown");
-  ros::XMLRPCManager::instance()->bind("shutdown", onShutdown);
+  interactive_mapping_ros::blockShutdown();
   try {
     pick_mission_ros::PickMissionRos mission(nh, private_nh);
-    while (ros::ok() && !is_shutdown_asked && !interactive_mapping_ros::waitForSignal(0.0)) mission.spinOnce();
+    while (ros::ok() && !interactive_mapping_ros::waitForSignal(0.0)) mission.spinOnce();
     mission.stop(ros::WallDuration(kStop_s));
     ros::shutdown();  // before the mission's own end, which waits for calls that this breaks off
     return 0;

@@ -69,6 +69,8 @@ class Node {
     });
   }
 
+  void stop() { private_nh_.setParam("has_stopped", true); }
+
  private:
   void use(const Example& params) {
     if (params.count == 5) throw std::invalid_argument("count = 5 is what this node refuses");
@@ -85,5 +87,5 @@ class Node {
 }  // namespace
 
 int main(int argc, char** argv) {
-  return interactive_mapping_ros::runNode<Node>(argc, argv, "live_params_node", 1);
+  return interactive_mapping_ros::runNode<Node>(argc, argv, "live_params_node", 1, [](Node& node) { node.stop(); });
 }

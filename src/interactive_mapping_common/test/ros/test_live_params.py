@@ -10,6 +10,7 @@ import threading
 import time
 import unittest
 
+import rosnode
 import rospy
 import rostest
 import yaml
@@ -178,6 +179,12 @@ class LiveParams(unittest.TestCase):
             self.assertEqual(self.in_use()["color"], "green")
             dynparam("load", NODE, file)
         self.assertEqual(self.in_use()["color"], "red")
+
+    def test_node_is_stopped_while_ros_is_there_when_asked_to_shut_down(self):
+        self.assertIsNotNone(Client("/ending/tune", timeout=DEADLINE_S))
+        rosnode.kill_nodes(["/ending"])
+        self.assertTrue(self.wait(lambda: "/ending" not in rosnode.get_node_names()))
+        self.assertTrue(rospy.get_param("/ending/has_stopped", False))
 
 
 if __name__ == "__main__":
