@@ -165,10 +165,9 @@ bool toDepthRectifier(const sensor_msgs::CameraInfo& info, bool is_rectified, De
   if (!is_rectified) distortion = {info.distortion_model, info.D};
   constexpr double kJitter_px = 1e-3;  // some drivers compute K anew for each image
   const CameraModel& known = rectifier->rawCamera();
-  if (distortion == rectifier->distortion() && camera->width == known.width &&
-      camera->height == known.height && std::abs(camera->fx - known.fx) < kJitter_px &&
-      std::abs(camera->fy - known.fy) < kJitter_px && std::abs(camera->cx - known.cx) < kJitter_px &&
-      std::abs(camera->cy - known.cy) < kJitter_px) {
+  if (distortion == rectifier->distortion() && camera->width == known.width && camera->height == known.height &&
+      std::abs(camera->fx - known.fx) < kJitter_px && std::abs(camera->fy - known.fy) < kJitter_px &&
+      std::abs(camera->cx - known.cx) < kJitter_px && std::abs(camera->cy - known.cy) < kJitter_px) {
     return true;
   }
   try {
