@@ -20,7 +20,7 @@ int main(int argc, char** argv) {
   interactive_mapping_ros::blockShutdown();
   try {
     pick_mission_ros::PickMissionRos mission(nh, private_nh);
-    while (ros::ok() && !interactive_mapping_ros::waitForSignal(0.0)) mission.spinOnce();
+    while (ros::ok() && !interactive_mapping_ros::waitForEnd(0.0)) mission.spinOnce();
     mission.stop(ros::WallDuration(kStop_s));
     ros::shutdown();  // before the mission's own end, which waits for calls that this breaks off
     return 0;

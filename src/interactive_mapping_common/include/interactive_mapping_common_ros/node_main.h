@@ -13,19 +13,20 @@
 
 namespace interactive_mapping_ros {
 
-/// Leaves SIGINT and SIGTERM of every thread to waitForSignal(). Call it before ros::init and before any thread is made.
+/// Leaves SIGINT and SIGTERM of every thread to waitForEnd(). Call it before ros::init and before any thread is made.
 void blockSignals();
 
-/// Leaves requests to shut down to waitForSignal(), too: of `rosnode kill`, and of the master when another node takes the
+/// Leaves requests to shut down to waitForEnd(), too: of `rosnode kill`, and of the master when another node takes the
 /// name. roscpp's own answer shuts ROS down at once, and nothing could be brought to rest. Call it after the first
 /// NodeHandle is made.
 void blockShutdown();
 
 /// True if SIGINT, SIGTERM or a request to shut down has come; signals also if they come within `timeout_s` of wall time.
-bool waitForSignal(double timeout_s);
+bool waitForEnd(double timeout_s);
 
 /// The main() of a node: builds Node(nh, private_nh) and serves its callbacks from `num_threads` threads until a signal or
-/// a request to shut down. Then it calls `stop` while ROS is still there, for what has to be brought to rest. Returns the exit code: 1 if the constructor throws, which is logged as fatal.
+/// a request to shut down. Then it calls `stop` while ROS is still there, for what has to be brought to rest. Returns
+/// the exit code: 1 if the constructor throws, which is logged as fatal.
 template <typename Node>
 int runNode(int argc, char** argv, const std::string& name, int num_threads,
             const std::function<void(Node&)>& stop = nullptr) {
@@ -38,7 +39,7 @@ int runNode(int argc, char** argv, const std::string& name, int num_threads,
   try {
     Node node(nh, private_nh);
     Spinner spinner(num_threads, ros::getGlobalCallbackQueue());
-    while (ros::ok() && !waitForSignal(0.1)) {  // so soon is a request to shut down noticed
+    while (ros::ok() && !waitForEnd(0.1)) {  // so soon is a request to shut down noticed
     }
     if (stop) {
       stop(node);

@@ -39,7 +39,7 @@ void blockShutdown() {
   ros::XMLRPCManager::instance()->bind("shutdown", onShutdown);
 }
 
-bool waitForSignal(double timeout_s) {
+bool waitForEnd(double timeout_s) {
   if (is_shutdown_asked) return true;
   const sigset_t signals = endingSignals();
   const auto whole_s = static_cast<std::time_t>(timeout_s);
