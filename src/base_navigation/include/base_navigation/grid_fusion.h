@@ -66,7 +66,7 @@ class GridFusion {
   GridFusion& operator=(const GridFusion&) = delete;
 
   /// The newest map replaces the one before. Another lattice is taken over conservatively: a cell is occupied if it
-  /// touches an occupied one, free if all that it touches are. Throws std::invalid_argument if the sizes do not agree.
+  /// touches an occupied one, free if all that it touches are. Throws as requireValid.
   void setMap(std::shared_ptr<const NavigationGrid> map);
 
   /// Enters a scan taken at `T_map_base`. Cost: O(beams * range / cell).

@@ -33,6 +33,10 @@ struct NavigationGrid {
   }
 };
 
+/// Cells of 0.01 to 10 m, at most 1e5 a side, the origin within 1e5 m of the frame's, a state for each cell; else throws
+/// std::invalid_argument.
+void requireValid(const NavigationGrid& grid);
+
 /// `grid`, whose axes are turned by `yaw_rad` about its origin, as a grid of the same cells along the axes of the frame. A
 /// cell has the state that `grid` has at its centre; a cell that holds the centre of an occupied one is occupied, so that
 /// none is lost. Nothing: more than `max_cells` would be needed.

@@ -9,7 +9,6 @@
 #include <mutex>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include <actionlib/server/action_server.h>
 #include <diagnostic_updater/diagnostic_updater.h>
@@ -67,7 +66,6 @@ class BaseNavigationRos {
 
   // On the threads of the caller's queue.
   void onGoal(GoalHandle goal);
-  void onCancel(GoalHandle goal);
   void onSimpleGoal(const geometry_msgs::PoseStampedConstPtr& message);
   bool onMakePlan(nav_msgs::GetPlan::Request& request, nav_msgs::GetPlan::Response& response);
   bool onForget(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
@@ -79,7 +77,8 @@ class BaseNavigationRos {
   void onScan(const sensor_msgs::LaserScanConstPtr& message);
   void onGround(const nav_msgs::OccupancyGridConstPtr& message);
   void onGroundUpdate(const map_msgs::OccupancyGridUpdateConstPtr& message);
-  void enterGround(const GroundInput::Grid& grid, const ros::Time& stamp, const std::string& problem);
+  void enterGround(GroundInput::Grid grid, const ros::Time& stamp, std::string problem);
+  bool isAhead(const ros::Time& stamp, std::string* problem) const;
   bool isGroundStatic() const { return params_.navigator.max_grid_age_s == 0.0; }
   void onEmergencyStop(const neo_msgs::EmergencyStopStateConstPtr& message);
   void onStop(const std_msgs::BoolConstPtr& message);
@@ -96,7 +95,7 @@ class BaseNavigationRos {
   void finish(Status status, const std::string& message);
   void refuse(GoalHandle& goal, Status status, const std::string& message);
   void publishOutcome(const GoalHandle& goal, const base_navigation::Pose2d& goal_map, Status status,
-                      const std::string& message);
+                      const std::string& message, int plans);
   void publish(const base_navigation::NavigationOutput& output, const ros::Time& stamp);
 
   /// The goal's pose in the map; nothing, and why.
@@ -134,13 +133,11 @@ class BaseNavigationRos {
   std::optional<GoalHandle> current_;
   base_navigation::Pose2d current_goal_map_;
   std::uint64_t shown_plans_{0};
-  double driven_m_{0.0};
 
   mutable std::mutex goal_mutex_;  // guards what follows, up to the blank line; never held while a goal handle is used
   std::condition_variable idle_;
   std::optional<GoalHandle> next_;
   bool has_current_{false};
-  std::vector<std::string> cancelled_ids_;
   bool is_forget_asked_{false};
   bool is_stopping_{false};
   std::optional<BaseNavigationParams> tuned_;  // for the next step

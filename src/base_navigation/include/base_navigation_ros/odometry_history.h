@@ -18,7 +18,6 @@ class OdometryHistory {
 
   /// False, and everything before is forgotten, if time ran back.
   bool add(const ros::Time& stamp, const base_navigation::Pose2d& T_odom_base);
-  void clear() { poses_.clear(); }
 
   bool isEmpty() const { return poses_.empty(); }
   const ros::Time& newestStamp() const { return poses_.back().first; }            // unless empty

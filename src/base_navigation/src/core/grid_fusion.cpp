@@ -169,20 +169,7 @@ GridFusion::GridFusion(const GridFusionConfig& config, Polygon footprint) {
 GridFusion::~GridFusion() = default;
 
 void GridFusion::setMap(std::shared_ptr<const NavigationGrid> map) {
-  if (map) {
-    interactive_mapping::RangeCheck check("map.");
-    check("cell_size", map->cell_size_m, 0.01, 10.0, "m");
-    check("origin.x", map->origin_m.x(), -kMaxCoordinate_m, kMaxCoordinate_m, "m");
-    check("origin.y", map->origin_m.y(), -kMaxCoordinate_m, kMaxCoordinate_m, "m");
-    check("width", map->width, 0, 1e5, "cells");
-    check("height", map->height, 0, 1e5, "cells");
-    interactive_mapping::refuseIfAny("impossible grid:", check.problems());
-    const std::size_t cells = static_cast<std::size_t>(map->width) * map->height;
-    if (map->state.size() != cells) {
-      throw std::invalid_argument("map has " + std::to_string(map->state.size()) + " states, must be " +
-                                  std::to_string(map->width) + " * " + std::to_string(map->height));
-    }
-  }
+  if (map) requireValid(*map);
   state_->map = std::move(map);
 }
 

@@ -3,8 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
+#include <string>
 
 #include <Eigen/Geometry>
+#include <interactive_mapping_common/config/range_check.h>
+#include <interactive_mapping_common/config/schema.h>
 
 namespace base_navigation {
 
@@ -15,6 +19,20 @@ Eigen::Vector2i NavigationGrid::cellOf(const Eigen::Vector2d& p_map) const {
     return std::isfinite(cell) ? static_cast<int>(std::clamp(cell, -1e9, 1e9)) : -1;
   };
   return {index(p_map.x(), origin_m.x()), index(p_map.y(), origin_m.y())};
+}
+
+void requireValid(const NavigationGrid& grid) {
+  interactive_mapping::RangeCheck check;
+  check("cell_size", grid.cell_size_m, 0.01, 10.0, "m");
+  check("origin.x", grid.origin_m.x(), -1e5, 1e5, "m");
+  check("origin.y", grid.origin_m.y(), -1e5, 1e5, "m");
+  check("width", grid.width, 0, 1e5, "cells");
+  check("height", grid.height, 0, 1e5, "cells");
+  interactive_mapping::refuseIfAny("impossible grid:", check.problems());
+  if (grid.state.size() != static_cast<std::size_t>(grid.width) * grid.height) {
+    throw std::invalid_argument("grid has " + std::to_string(grid.state.size()) + " states, must be " +
+                                std::to_string(grid.width) + " * " + std::to_string(grid.height));
+  }
 }
 
 std::optional<NavigationGrid> alongAxes(const NavigationGrid& grid, double yaw_rad, double max_cells) {

@@ -4,9 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
-#include <utility>
 
 #include <interactive_mapping_common/config/range_check.h>
 

@@ -5,11 +5,11 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 #include <thread>
 
 #include <geometry_msgs/Twist.h>
 #include <interactive_mapping_common/formatted.h>
+#include <interactive_mapping_common_ros/cancel_asked.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <ros/console.h>
 
@@ -32,12 +32,14 @@ using base_navigation::Scan;
 using interactive_mapping::formatted;
 using interactive_mapping_msgs::NavigationOutcome;
 using interactive_mapping_msgs::NavigationState;
+using interactive_mapping_ros::isCancelAsked;
 using interactive_mapping_ros::toIsometry;
 using interactive_mapping_ros::withoutSlash;
 
 constexpr char kLog[] = "base_navigation";
 constexpr std::size_t kMaxWaitingScans = 20;  // of 25 Hz, while no odometry comes
 constexpr double kMaxScanAge_s = 1.0;         // an older scan is not entered in the grid
+constexpr double kMaxAhead_s = 0.2;           // of scan and ground, of another computer's clock
 constexpr double kShowPeriod_s = 0.2;         // of markers and feedback
 constexpr double kPathStep_m = 0.05;          // between the poses of ~path
 constexpr double kGoalTfWait_s = 0.5;  // how far a goal's stamp may be ahead of tf, and wall time it is waited for
@@ -75,7 +77,7 @@ BaseNavigationRos::BaseNavigationRos(const ros::NodeHandle& nh, const ros::NodeH
   grid_publisher_ = handle.advertise<nav_msgs::OccupancyGrid>("grid", 1, true);
 
   server_ = std::make_unique<Server>(
-      outer, "move_base", [this](GoalHandle goal) { onGoal(goal); }, [this](GoalHandle goal) { onCancel(goal); },
+      outer, "move_base", [this](GoalHandle goal) { onGoal(goal); }, interactive_mapping_ros::NoCancelCallback(),
       false);
   goal_publisher_ = outer.advertise<move_base_msgs::MoveBaseActionGoal>("move_base/goal", 1);
   simple_goal_subscriber_ = outer.subscribe("move_base_simple/goal", 1, &BaseNavigationRos::onSimpleGoal, this);
@@ -154,21 +156,6 @@ void BaseNavigationRos::onGoal(GoalHandle goal) {
   if (replaced) refuse(*replaced, NavigationStatus::kCancelled, "replaced by a newer goal before it was begun");
 }
 
-void BaseNavigationRos::onCancel(GoalHandle goal) {
-  bool is_waiting = false;
-  {
-    const std::lock_guard<std::mutex> lock(goal_mutex_);
-    const std::string id = goal.getGoalID().id;
-    if (next_ && next_->getGoalID().id == id) {
-      next_.reset();
-      is_waiting = true;
-    } else {
-      cancelled_ids_.push_back(id);  // the control thread knows what it is
-    }
-  }
-  if (is_waiting) refuse(goal, NavigationStatus::kCancelled, "cancelled before it was begun");
-}
-
 void BaseNavigationRos::onSimpleGoal(const geometry_msgs::PoseStampedConstPtr& message) {
   // To the own server, as any other client's: one way for all goals.
   move_base_msgs::MoveBaseActionGoal goal;
@@ -178,7 +165,7 @@ void BaseNavigationRos::onSimpleGoal(const geometry_msgs::PoseStampedConstPtr& m
 }
 
 void BaseNavigationRos::refuse(GoalHandle& goal, Status status, const std::string& message) {
-  publishOutcome(goal, kNoPose, status, message);
+  publishOutcome(goal, kNoPose, status, message, 0);
   if (status == NavigationStatus::kCancelled) {
     goal.setCanceled(move_base_msgs::MoveBaseResult(), message);
   } else {
@@ -188,7 +175,6 @@ void BaseNavigationRos::refuse(GoalHandle& goal, Status status, const std::strin
 
 void BaseNavigationRos::takeRequests() {
   std::optional<GoalHandle> newest;
-  std::vector<std::string> cancelled_ids;
   bool is_forget = false;
   bool is_stopping = false;
   std::optional<BaseNavigationParams> tuned;
@@ -196,7 +182,6 @@ void BaseNavigationRos::takeRequests() {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
     newest.swap(next_);
     tuned.swap(tuned_);
-    cancelled_ids.swap(cancelled_ids_);
     is_forget = is_forget_asked_;
     is_forget_asked_ = false;
     is_stopping = is_stopping_;
@@ -208,19 +193,12 @@ void BaseNavigationRos::takeRequests() {
     waiting_ = newest;
     waiting_since_ = std::chrono::steady_clock::now();
   }
-  for (const std::string& id : cancelled_ids) {
-    if (current_ && current_->getGoalID().id == id) {
-      navigator_.cancel();
-    } else if (waiting_ && waiting_->getGoalID().id == id) {
-      refuse(*waiting_, NavigationStatus::kCancelled, "cancelled before it was begun");
-      waiting_.reset();
-    }
-  }
-  if (is_stopping) {
-    if (waiting_) refuse(*waiting_, NavigationStatus::kCancelled, "the node is shutting down");
+  if (waiting_ && (is_stopping || isCancelAsked(*waiting_))) {
+    refuse(*waiting_, NavigationStatus::kCancelled,
+           is_stopping ? "the node is shutting down" : "cancelled before it was begun");
     waiting_.reset();
-    if (current_) navigator_.cancel();
   }
+  if (current_ && (is_stopping || isCancelAsked(*current_))) navigator_.cancel();
   if (!waiting_) return;
 
   // tf may be a little behind the goal's stamp. Control goes on meanwhile.
@@ -245,7 +223,6 @@ void BaseNavigationRos::takeRequests() {
   if (current_) finish(NavigationStatus::kCancelled, "replaced by a newer goal");
   current_ = goal;
   current_goal_map_ = *goal_map;
-  driven_m_ = 0.0;
   {
     const std::lock_guard<std::mutex> lock(goal_mutex_);
     has_current_ = true;
@@ -255,7 +232,7 @@ void BaseNavigationRos::takeRequests() {
 }
 
 void BaseNavigationRos::publishOutcome(const GoalHandle& goal, const Pose2d& goal_map, Status status,
-                                       const std::string& message) {
+                                       const std::string& message, int plans) {
   NavigationOutcome outcome;
   outcome.header.stamp = ros::Time::now();
   outcome.header.frame_id = params_.map_frame;
@@ -263,6 +240,7 @@ void BaseNavigationRos::publishOutcome(const GoalHandle& goal, const Pose2d& goa
   outcome.status = static_cast<std::uint8_t>(status);
   outcome.message = message;
   outcome.goal = toPose(goal_map);
+  outcome.plans = static_cast<std::uint32_t>(plans);
   {
     const std::lock_guard<std::mutex> lock(shared_mutex_);
     outcome.base = toPose(T_map_base_.value_or(kNoPose));
@@ -271,15 +249,11 @@ void BaseNavigationRos::publishOutcome(const GoalHandle& goal, const Pose2d& goa
       last_failure_ = std::string(toString(status)) + ": " + message;
     }
   }
-  if (current_ && current_->getGoalID().id == outcome.goal_id) {
-    outcome.plans = static_cast<std::uint32_t>(navigator_.plansForGoal());
-    outcome.driven_m = driven_m_;
-  }
   outcome_publisher_.publish(outcome);
 }
 
 void BaseNavigationRos::finish(Status status, const std::string& message) {
-  publishOutcome(*current_, current_goal_map_, status, message);
+  publishOutcome(*current_, current_goal_map_, status, message, navigator_.plansForGoal());
   GoalHandle goal = *current_;
   current_.reset();
   {
@@ -327,12 +301,7 @@ void BaseNavigationRos::onOdometry(const nav_msgs::OdometryConstPtr& message) {
   }
 
   const ros::Time stamp = message->header.stamp;
-  const Pose2d T_odom_base = toPlane(*T);
-  if (!odometry_.isEmpty()) {
-    const Eigen::Vector2d step_m = T_odom_base.position() - odometry_.newest().position();
-    if (current_) driven_m_ += step_m.norm();
-  }
-  if (!odometry_.add(stamp, T_odom_base)) {
+  if (!odometry_.add(stamp, toPlane(*T))) {
     ROS_WARN_NAMED(kLog, "time ran back to %.3f s: scans and the driven path are forgotten", stamp.toSec());
     forgetScans();
     new_scans_.clear();
@@ -364,9 +333,9 @@ void BaseNavigationRos::onScan(const sensor_msgs::LaserScanConstPtr& message) {
     }
   }
   if (scanner != scanners_.end()) {
-    const std::optional<Scan> scan = toScan(*message, scanner->second, &problem);
-    if (scan) {
-      new_scans_.emplace_back(message->header.stamp, std::make_shared<const Scan>(*scan));
+    std::optional<Scan> scan = toScan(*message, scanner->second, &problem);
+    if (scan && !isAhead(message->header.stamp, &problem)) {
+      new_scans_.emplace_back(message->header.stamp, std::make_shared<const Scan>(std::move(*scan)));
       if (new_scans_.size() > kMaxWaitingScans) new_scans_.pop_front();
     }
   }
@@ -374,6 +343,15 @@ void BaseNavigationRos::onScan(const sensor_msgs::LaserScanConstPtr& message) {
   const std::lock_guard<std::mutex> lock(shared_mutex_);
   scan_problem_ = problem;
   if (problem.empty()) scan_seen_ = message->header.stamp;
+}
+
+bool BaseNavigationRos::isAhead(const ros::Time& stamp, std::string* problem) const {
+  // It would wait for its time, and then count as new. Odometry may be ahead of a simulated clock.
+  const double ahead_s = (stamp - std::max(ros::Time::now(), last_step_)).toSec();
+  if (ahead_s <= kMaxAhead_s) return false;
+  *problem = formatted("its stamp is %.3g s ahead of ROS time, must be at most %.1f s: do the clocks agree?", ahead_s,
+                       kMaxAhead_s);
+  return true;
 }
 
 void BaseNavigationRos::onGround(const nav_msgs::OccupancyGridConstPtr& message) {
@@ -388,7 +366,8 @@ void BaseNavigationRos::onGroundUpdate(const map_msgs::OccupancyGridUpdateConstP
   enterGround(grid, message->header.stamp, problem);
 }
 
-void BaseNavigationRos::enterGround(const GroundInput::Grid& grid, const ros::Time& stamp, const std::string& problem) {
+void BaseNavigationRos::enterGround(GroundInput::Grid grid, const ros::Time& stamp, std::string problem) {
+  if (grid && !isGroundStatic() && isAhead(stamp, &problem)) grid.reset();
   if (grid && isGroundStatic()) {
     fusion_.setMap(grid);  // whatever its stamp
     has_static_ground_ = true;
@@ -561,8 +540,9 @@ void BaseNavigationRos::step(const ros::Time& now) {
   }
   input.heartbeat_stamp_s = toSec(heartbeat_stamp_);
   const NavigationOutput output = navigator_.step(input, [this] {
+    if (current_ && isCancelAsked(*current_)) return true;
     const std::lock_guard<std::mutex> lock(goal_mutex_);
-    return is_stopping_ || !cancelled_ids_.empty();
+    return is_stopping_;
   });
   if (output.has_jumped) {
     ROS_WARN_THROTTLE_NAMED(1.0, kLog, "localisation or odometry has jumped: scans and the driven path are forgotten");

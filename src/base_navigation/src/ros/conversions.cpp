@@ -2,6 +2,7 @@
 #include "base_navigation_ros/conversions.h"
 
 #include <cmath>
+#include <stdexcept>
 
 #include <interactive_mapping_common/formatted.h>
 
@@ -34,9 +35,7 @@ SpaceState stateOf(std::int8_t value, int occupied_from) {
 std::optional<NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, int occupied_from, std::string* why_not) {
   const auto& info = message.info;
   const double cells = static_cast<double>(info.width) * info.height;
-  if (!(info.resolution > 0.0F) || !std::isfinite(info.resolution)) {
-    *why_not = formatted("resolution = %g m, must be above 0", info.resolution);
-  } else if (cells > kMaxCells) {
+  if (cells > kMaxCells) {
     *why_not = formatted("%u x %u cells, must be at most %.0f in all", info.width, info.height, kMaxCells);
   } else if (static_cast<double>(message.data.size()) != cells) {
     *why_not = formatted("%zu values for %u x %u cells", message.data.size(), info.width, info.height);
@@ -59,14 +58,21 @@ std::optional<NavigationGrid> toGrid(const nav_msgs::OccupancyGrid& message, int
       grid.height = static_cast<int>(info.height);
       grid.state.reserve(message.data.size());
       for (const std::int8_t value : message.data) grid.state.push_back(stateOf(value, occupied_from));
-      const double yaw_rad = toPlane(*T_frame_origin).yaw_rad;
-      if (yaw_rad == 0.0) return grid;
-      std::optional<NavigationGrid> along = alongAxes(grid, yaw_rad, kMaxCells);
-      if (!along) {
-        *why_not = formatted("%u x %u cells turned by %.3f rad need more than %.0f along the axes of its frame",
-                             info.width, info.height, yaw_rad, kMaxCells);
+      try {
+        requireValid(grid);
+        const double yaw_rad = toPlane(*T_frame_origin).yaw_rad;
+        if (yaw_rad == 0.0) return grid;
+        std::optional<NavigationGrid> along = alongAxes(grid, yaw_rad, kMaxCells);
+        if (along) {
+          requireValid(*along);
+        } else {
+          *why_not = formatted("%u x %u cells turned by %.3f rad need more than %.0f along the axes of its frame",
+                               info.width, info.height, yaw_rad, kMaxCells);
+        }
+        return along;
+      } catch (const std::invalid_argument& error) {
+        *why_not = error.what();
       }
-      return along;
     }
   }
   return std::nullopt;

@@ -97,7 +97,7 @@ class BaseNavigationNode : public testing::Test {
     odometry.pose.pose.position.x = kX_m;
     odometry.pose.pose.orientation.w = 1.0;
     sensor_msgs::LaserScan scan;
-    scan.header.stamp = between;
+    scan.header.stamp = between + ros::Duration(scan_ahead_s_);
     scan.header.frame_id = scan_frame_;
     scan.angle_min = -1.6F;
     scan.angle_increment = 0.02F;
@@ -175,6 +175,7 @@ class BaseNavigationNode : public testing::Test {
   NavigationState state_;
   nav_msgs::OccupancyGrid grid_;
   std::string slash_, odom_frame_{"odom"}, scan_frame_{"scanner"}, map_frame_{"map"};
+  double scan_ahead_s_{0.0};
   bool has_data_{true};
   bool has_ground_{true};
   bool has_heartbeat_{true};
@@ -268,6 +269,14 @@ TEST_F(BaseNavigationNode, NamesAWrongFrameAndNotItsAge) {
     *frame = before;
   }
   // The map's may be 10 s old before it is missed: told by then by the diagnostics alone.
+}
+
+TEST_F(BaseNavigationNode, DoesNotTakeAScanForNewAtTheTimeThatAWrongClockGaveIt) {
+  ASSERT_TRUE(waitForGrid());
+  scan_ahead_s_ = 1.0;
+  const NavigationOutcome outcome = outcomeOf("map", 1.4);
+  EXPECT_EQ(static_cast<int>(outcome.status), static_cast<int>(NavigationOutcome::BAD_INPUT)) << outcome.message;
+  EXPECT_THAT(outcome.message, testing::HasSubstr("s ahead of ROS time, must be at most 0.2 s"));
 }
 
 TEST_F(BaseNavigationNode, OffersSpeedAndMarginToChangeWhileItRuns) {

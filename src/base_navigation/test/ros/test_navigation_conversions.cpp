@@ -62,9 +62,22 @@ TEST(NavigationConversions, GridsThatDoNotFitTogetherAreRefused) {
   EXPECT_THAT(refusal(message), HasSubstr("5 values for 3 x 2 cells"));
   message = twoByThree();
   message.info.resolution = 0.0F;
-  EXPECT_THAT(refusal(message), HasSubstr("resolution = 0 m"));
+  EXPECT_THAT(refusal(message), HasSubstr("cell_size = 0 m, must be in [0.01, 10] m"));
   message.info.resolution = kNan;
-  EXPECT_THAT(refusal(message), HasSubstr("resolution"));
+  EXPECT_THAT(refusal(message), HasSubstr("cell_size = nan m"));
+  message.info.resolution = 0.005F;
+  EXPECT_THAT(refusal(message), HasSubstr("cell_size = 0.005 m"));
+  message = twoByThree();
+  message.info.origin.position.x = 5e5;  // of UTM, for instance
+  EXPECT_THAT(refusal(message), HasSubstr("origin.x = 500000 m, must be in [-100000, 100000] m"));
+  message = twoByThree();
+  message.info.width = 200000;
+  message.info.height = 1;
+  message.data.assign(200000, 0);
+  EXPECT_THAT(refusal(message), HasSubstr("width = 200000 cells"));
+  message = twoByThree();
+  message.info.origin = toPose(Pose2d{-1e5, 0.0, 1.0});  // within the range as it is, not along the axes
+  EXPECT_THAT(refusal(message), HasSubstr("origin.x = -100000 m"));
   message = twoByThree();
   message.info.origin.orientation = toPose(tilted(0.2)).orientation;
   EXPECT_THAT(refusal(message), HasSubstr("tilted by 0.2 rad against its frame, must be at most 0.001 rad"));

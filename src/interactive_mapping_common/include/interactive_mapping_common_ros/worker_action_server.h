@@ -9,6 +9,7 @@
 #include <thread>
 
 #include <actionlib/server/action_server.h>
+#include <interactive_mapping_common_ros/cancel_asked.h>
 #include <ros/node_handle.h>
 
 namespace interactive_mapping_ros {
@@ -41,7 +42,7 @@ class WorkerActionServer {
   WorkerActionServer(ros::NodeHandle& nh, const std::string& name, Plan plan)
       : plan_(std::move(plan)),
         server_(
-            nh, name, [this](GoalHandle goal) { onGoal(goal); }, [this](GoalHandle goal) { onCancel(goal); }, false),
+            nh, name, [this](GoalHandle goal) { onGoal(goal); }, NoCancelCallback(), false),
         worker_(&WorkerActionServer::work, this) {
     server_.start();
   }
@@ -67,17 +68,6 @@ class WorkerActionServer {
     changed_.notify_all();
   }
 
-  void onCancel(GoalHandle goal) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (has_next_ && goal == next_) {
-      refuse(next_, "cancelled before it was begun");
-      has_next_ = false;
-    } else if (is_running_ && goal == running_) {
-      is_cancel_asked_ = true;
-    }
-    changed_.notify_all();
-  }
-
   void refuse(GoalHandle& goal, const std::string& why) {
     Result result;
     result.outcome.status = Outcome::CANCELLED;
@@ -90,18 +80,21 @@ class WorkerActionServer {
     while (true) {
       changed_.wait(lock, [this] { return is_stopping_ || has_next_; });
       if (is_stopping_) return;
-      running_ = next_;
+      GoalHandle goal = next_;
       has_next_ = false;
-      is_running_ = true;
-      is_cancel_asked_ = false;
-      GoalHandle goal = running_;
       lock.unlock();
 
       goal.setAccepted();
-      const auto is_cancelled = [this] {
+      const auto is_cancelled = [this, &goal] {
+        if (isCancelAsked(goal)) return true;
         const std::lock_guard<std::mutex> guard(mutex_);
-        return is_stopping_ || is_cancel_asked_ || has_next_;
+        return is_stopping_ || has_next_;
       };
+      if (is_cancelled()) {
+        refuse(goal, "cancelled before it was begun");
+        lock.lock();
+        continue;
+      }
       const auto tell = [&goal](const Feedback& feedback) { goal.publishFeedback(feedback); };
       const ros::Time started = goal.getGoalID().stamp;
       const Result result = plan_(*goal.getGoal(), started, is_cancelled, tell);
@@ -114,7 +107,6 @@ class WorkerActionServer {
       }
 
       lock.lock();
-      is_running_ = false;
     }
   }
 
@@ -123,10 +115,8 @@ class WorkerActionServer {
   std::mutex mutex_;  // guards what follows, up to the blank line
   std::condition_variable changed_;
   bool is_stopping_{false};
-  GoalHandle next_, running_;
+  GoalHandle next_;
   bool has_next_{false};
-  bool is_running_{false};
-  bool is_cancel_asked_{false};
 
   Server server_;
   std::thread worker_;  // last: everything it uses exists before it

@@ -99,7 +99,6 @@ class MotionPlanningRos {
 
   struct Watch {
     std::uint32_t id{0};
-    std::uint8_t phase{0};
     ros::Time start;
     double duration_s{0.0};
     std::optional<motion_planning::OrientedBox> target;

@@ -2,12 +2,9 @@
 #include "motion_planning_ros/motion_planning_ros.h"
 
 #include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <filesystem>
 #include <limits>
 #include <stdexcept>
-#include <thread>
 
 #include <geometry_msgs/PoseStamped.h>
 #include <interactive_mapping_common/formatted.h>
@@ -510,7 +507,6 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
     motion_planning::JointTrajectory trajectory;
     if (!request.trajectory.points.empty()) trajectory = fromMessage(request.trajectory);
     Watch watch;
-    watch.phase = request.phase;
     watch.start = request.start.isZero() ? ros::Time::now() : request.start;
     if (request.phase > WatchTrajectory::Request::LIFT) {
       throw std::invalid_argument("phase = " + std::to_string(request.phase) + ", must be in [0, 2]");

@@ -2,8 +2,6 @@
 #include "pick_mission_ros/mission_markers.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <optional>
 #include <string>
 

@@ -181,8 +181,6 @@ class Executor {
   std::optional<double> load() const;  // beside the declared payload [kg]
   Verdict gate() const;                // whether a motion could begin, as of the last step
 
-  const ExecutorConfig& config() const;
-
  private:
   class Impl;
   std::unique_ptr<Impl> impl_;

@@ -81,8 +81,6 @@ class SafetyGate {
   /// Of these the part about the robot alone: safety mode, robot mode, program, controller, joint states.
   Verdict checkRobot(const ArmState& arm, double now_s) const;
 
-  const SafetyGateConfig& config() const { return config_; }
-
  private:
   std::string monitorProblem(const GateInputs& inputs, const GateDemand& demand) const;
 

@@ -61,7 +61,8 @@ class UrDriverBridgeRos {
   /// Of whichever action a request came by.
   struct Request {
     std::string goal_id;
-    const char* name;             // of the action
+    const char* name;  // of the action
+    std::function<bool()> isCancelAsked;
     std::function<void()> begin;  // hands it to the executor; throws std::invalid_argument
     std::function<void(const std::string& stage, double progress)> tell;
     std::function<void(const ur_driver_bridge::Finished&)> end;
@@ -79,8 +80,6 @@ class UrDriverBridgeRos {
   using Server = actionlib::ActionServer<Action>;
   template <typename Action, typename Prepare>
   void onGoal(typename Server<Action>::GoalHandle goal, const char* name, Prepare prepare);
-  template <typename GoalHandle>
-  void onCancel(const GoalHandle& goal);
   Request preparePick(const interactive_mapping_msgs::PickBrickGoal& goal);
   bool onHold(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   bool onRelease(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
@@ -133,7 +132,6 @@ class UrDriverBridgeRos {
   std::mutex requests_mutex_;  // what other threads hand over
   std::optional<Request> next_;
   bool is_busy_{false};  // a request is waiting or being carried out
-  std::optional<std::string> cancelled_id_;
   bool is_stop_asked_{false};
   bool is_held_{false};
   bool is_stopping_{false};

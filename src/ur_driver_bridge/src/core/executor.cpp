@@ -243,8 +243,4 @@ Verdict Executor::gate() const {
   return impl_->gate_verdict_;
 }
 
-const ExecutorConfig& Executor::config() const {
-  return impl_->config_;
-}
-
 }  // namespace ur_driver_bridge

@@ -217,9 +217,11 @@ void MotionStep::locate(const StepContext& context) {
   const ArmState& arm = context.arm();
   // While the controller has not answered, an arm that stands stands at the start.
   if (state_ == State::kSending && context.isAtRest()) return;
-  const ArmVector* place_rad = arm.commanded_rad ? &arm.commanded_rad->value
-                               : arm.joints      ? &arm.joints->value.position_rad
-                                                 : nullptr;
+  const bool is_command_told =
+      arm.commanded_rad && context.now_s - arm.commanded_rad->stamp_s <= context.config.gate.max_joint_age_s;
+  const ArmVector* place_rad = is_command_told ? &arm.commanded_rad->value
+                               : arm.joints    ? &arm.joints->value.position_rad
+                                               : nullptr;
   if (place_rad && place_rad->allFinite()) at_s_ = timeOf(trajectory_, *place_rad, at_s_, kSearch_s);
 }
 

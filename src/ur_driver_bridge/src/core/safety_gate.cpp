@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "ur_driver_bridge/safety_gate.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include <interactive_mapping_common/formatted.h>

@@ -2,7 +2,6 @@
 #include "ur_driver_bridge_ros/bridge_markers.h"
 
 #include <cmath>
-#include <cstdio>
 #include <string>
 
 #include <mp700_ur5e_description/robot_names.h>

@@ -2,10 +2,10 @@
 #include "ur_driver_bridge_ros/ur_driver_bridge_ros.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <stdexcept>
 
+#include <interactive_mapping_common_ros/cancel_asked.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/AttachedBrick.h>
 #include <interactive_mapping_msgs/WatchTrajectory.h>
@@ -44,7 +44,7 @@ constexpr double kDueShare = 0.6;  // of a word's allowed age: later, the next o
 constexpr std::chrono::milliseconds kWordWait{50};
 
 double steadyNow() {
-  return ros::WallTime::now().toSec();
+  return ros::SteadyTime::now().toSec();
 }
 
 /// All that hangs on the tool's flange, by the URDF.
@@ -217,13 +217,13 @@ void UrDriverBridgeRos::startActions(ros::NodeHandle handle) {
           return request;
         });
       },
-      [this](auto goal) { onCancel(goal); }, false);
+      interactive_mapping_ros::NoCancelCallback(), false);
   pick_server_ = std::make_unique<Server<PickBrickAction>>(
       handle, "pick",
       [this](auto goal) {
         onGoal<PickBrickAction>(goal, "pick", [this](const PickBrickGoal& wanted) { return preparePick(wanted); });
       },
-      [this](auto goal) { onCancel(goal); }, false);
+      interactive_mapping_ros::NoCancelCallback(), false);
   let_go_server_ = std::make_unique<Server<LetGoBrickAction>>(
       handle, "let_go",
       [this](auto goal) {
@@ -233,7 +233,7 @@ void UrDriverBridgeRos::startActions(ros::NodeHandle handle) {
           return request;
         });
       },
-      [this](auto goal) { onCancel(goal); }, false);
+      interactive_mapping_ros::NoCancelCallback(), false);
   recover_server_ = std::make_unique<Server<RecoverArmAction>>(
       handle, "recover",
       [this](auto goal) {
@@ -244,7 +244,7 @@ void UrDriverBridgeRos::startActions(ros::NodeHandle handle) {
           return request;
         });
       },
-      [this](auto goal) { onCancel(goal); }, false);
+      interactive_mapping_ros::NoCancelCallback(), false);
   move_server_->start();
   pick_server_->start();
   let_go_server_->start();
@@ -302,6 +302,7 @@ void UrDriverBridgeRos::onGoal(typename Server<Action>::GoalHandle goal, const c
   }
   request.goal_id = goal.getGoalID().id;
   request.name = name;
+  request.isCancelAsked = [goal] { return interactive_mapping_ros::isCancelAsked(goal); };
   request.tell = [goal](const std::string& stage, double progress) mutable {
     Feedback feedback;
     feedback.stage = stage;
@@ -346,12 +347,6 @@ void UrDriverBridgeRos::onGoal(typename Server<Action>::GoalHandle goal, const c
   }
   refuse(ArmStatus::kBusy,
          is_stopping_ ? "the node is shutting down" : "the arm is busy with another request: wait for it, or stop it");
-}
-
-template <typename GoalHandle>
-void UrDriverBridgeRos::onCancel(const GoalHandle& goal) {
-  const std::lock_guard<std::mutex> lock(requests_mutex_);
-  cancelled_id_ = goal.getGoalID().id;
 }
 
 UrDriverBridgeRos::Request UrDriverBridgeRos::preparePick(const interactive_mapping_msgs::PickBrickGoal& goal) {
@@ -457,17 +452,11 @@ bool UrDriverBridgeRos::onStop(std_srvs::Trigger::Request&, std_srvs::Trigger::R
 
 void UrDriverBridgeRos::takeRequests() {
   std::optional<Request> next;
-  bool is_cancelled = false;
   bool is_stop_asked = false;
   bool is_ending = false;
   {
     const std::lock_guard<std::mutex> lock(requests_mutex_);
     next.swap(next_);
-    if (cancelled_id_) {
-      const std::string& id = *cancelled_id_;
-      is_cancelled = (next && next->goal_id == id) || (current_ && current_->goal_id == id);
-      cancelled_id_.reset();
-    }
     is_stop_asked = is_stop_asked_;
     is_stop_asked_ = false;
     is_ending = is_stopping_;
@@ -484,7 +473,7 @@ void UrDriverBridgeRos::takeRequests() {
       finish(refused);
     }
   }
-  if (is_cancelled) executor_.stop({ArmStatus::kCancelled, "cancelled by its sender"});
+  if (current_ && current_->isCancelAsked()) executor_.stop({ArmStatus::kCancelled, "cancelled by its sender"});
   if (is_stop_asked) executor_.stop({ArmStatus::kCancelled, "stopped by the operator"});
   if (is_ending) executor_.stop({ArmStatus::kCancelled, "the node ends"});
 }

@@ -589,6 +589,14 @@ TEST(Executor, NumbersThatAreNoneCloseTheGateAndBreakNothing) {
   expectEnds(arm, ArmStatus::kSuccess);
 }
 
+TEST(Executor, APostureThatTheControllerToldLongAgoIsNotWhereTheArmIs) {
+  Mover told_once, silent;
+  told_once.gate.arm.commanded_rad = Stamped<ArmVector>{told_once.now_s, told_once.position_rad};
+  for (Mover* arm : {&told_once, &silent}) arm->getGoing();
+  EXPECT_GT(silent.executor.progress(), 0.1);
+  EXPECT_EQ(told_once.executor.progress(), silent.executor.progress());
+}
+
 // --------------------------------------------------------------------------------------------------------------- pick
 
 TEST(ExecutorPick, PicksStowsAndLetsGo) {
