@@ -571,6 +571,25 @@ TEST_F(PlanningNode, TheMonitorCallsForAStopWhenSomethingComesIntoTheWay) {
   state.await([](const PathMonitorState& s) { return s.is_watching == 0; });
 }
 
+TEST_F(PlanningNode, TheMonitorCallsForAStopWhenItCannotGetTheNewestMap) {
+  Latest<PathMonitorState> state("/motion_planning/path_monitor");
+  const PlanPickResult plan = client_->plan(pickOf(kBrick));
+  ASSERT_EQ(static_cast<int>(plan.outcome.status), static_cast<int>(PlanOutcome::SUCCESS)) << nameOf(plan.outcome);
+  WatchTrajectory watch;
+  watch.request.trajectory = plan.approach;
+  watch.request.start = ros::Time::now() + ros::Duration(600.0);
+  ASSERT_TRUE(call("/motion_planning/watch", watch));
+  const std::uint32_t id = watch.response.watch_id;
+  EXPECT_FALSE(state.await([id](const PathMonitorState& s) { return s.watch_id == id; }).must_stop);
+  robot_->refuseQueries("out of order");
+  robot_->setWorld(worldOf({kBrick, brickBefore(0.75, 0.35)}));  // somebody comes, and the map does not tell where
+  EXPECT_PRED2(has, state.await([](const PathMonitorState& s) { return s.must_stop != 0; }).reason, "out of order");
+  robot_->refuseQueries("");
+  setWorld(worldOf({kBrick}));
+  watch.request.trajectory.points.clear();
+  ASSERT_TRUE(call("/motion_planning/watch", watch));
+}
+
 TEST_F(PlanningNode, TheMonitorLetsTheMagnetTouchItsTargetAlone) {
   Latest<PathMonitorState> state("/motion_planning/path_monitor");
   const PlanPickResult plan = client_->plan(pickOf(kBrick));

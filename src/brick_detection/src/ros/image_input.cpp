@@ -61,7 +61,7 @@ ImageInput::ImageInput(const ros::NodeHandle& nh, const ros::NodeHandle& private
                                image_transport::TransportHints(params_.depth_transport, no_delay, private_nh));
     }
     // Remappings decide what the topic is called.
-    is_rectified_ = depth_camera_ros::isRectifiedTopic(image_subscriber_.getTopic());
+    is_rectified_ = depth_camera_ros::isRectifiedTopic(nh.resolveName("color/image_raw"));
   }
 }
 

@@ -70,6 +70,7 @@ std::optional<Eigen::Matrix3Xf> pointsOf(const sensor_msgs::PointCloud2& cloud, 
     return std::nullopt;
   }
   Eigen::Matrix3Xf points(3, static_cast<Eigen::Index>(cloud.width) * cloud.height);
+  if (points.cols() == 0) return points;  // the iterators look at the first byte
   sensor_msgs::PointCloud2ConstIterator<float> x(cloud, "x"), y(cloud, "y"), z(cloud, "z");
   for (Eigen::Index i = 0; i < points.cols(); ++i, ++x, ++y, ++z) points.col(i) << *x, *y, *z;
   return points;

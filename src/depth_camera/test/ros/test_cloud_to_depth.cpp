@@ -39,6 +39,16 @@ TEST(CloudToDepth, ReadsXyzBesideOtherFields) {
   EXPECT_EQ(*points, expected);
 }
 
+TEST(CloudToDepth, ACloudFromWhichAllWasFilteredHasNoPoints) {
+  sensor_msgs::PointCloud2 cloud = twoPoints();
+  cloud.width = cloud.row_step = 0;
+  cloud.data.clear();
+  std::string problem;
+  const auto points = pointsOf(cloud, &problem);
+  ASSERT_TRUE(points) << problem;
+  EXPECT_EQ(points->cols(), 0);
+}
+
 TEST(CloudToDepth, RejectsCloudsThatItCannotRead) {
   sensor_msgs::PointCloud2 cloud = twoPoints();
   cloud.data.pop_back();

@@ -81,7 +81,7 @@ DepthSelfFilterRos::DepthSelfFilterRos(const ros::NodeHandle& nh, const ros::Nod
       input_transport_.subscribe("depth/image_rect", 1, &DepthSelfFilterRos::onImage, this,
                                  image_transport::TransportHints(params_.input.image_transport, no_delay, private_nh));
   // Remappings decide what the topic is called.
-  is_rectified_ = depth_camera_ros::isRectifiedTopic(image_subscriber_.getTopic());
+  is_rectified_ = depth_camera_ros::isRectifiedTopic(nh.resolveName("depth/image_rect"));
   // A simulation that waits for an update after each image may begin when it sees this: the images are subscribed to.
   update_publisher_ = pnh.advertise<Update>("update", 50);
   start();

@@ -64,6 +64,7 @@ class RobotState {
   std::string heldProblem() const;
 
  private:
+  std::optional<motion_planning::ArmVector> armWithin(double max_age_s, std::string* why_not) const;
   void onJointState(const sensor_msgs::JointStateConstPtr& message);
   void onAttached(const interactive_mapping_msgs::AttachedBrickConstPtr& message);
   void findVacated();

@@ -68,6 +68,9 @@ class SceneKeeper {
   /// The last one made; null: none yet.
   std::shared_ptr<const MapScene> last() const;
   Counters counters() const;
+  /// Why last() may not be the map as it is: the newest try failed, or the map has not answered for seconds of wall time.
+  /// Empty: it is, or is being made.
+  std::string problem() const;
 
  private:
   void work();
@@ -85,6 +88,7 @@ class SceneKeeper {
   bool is_followed_{false};
   std::uint64_t asked_number_{0};  // a scene was asked for at asked_pose_; counts such requests
   Eigen::Isometry3d asked_pose_{Eigen::Isometry3d::Identity()};
+  ros::SteadyTime trying_since_;  // zero: no try runs
   std::uint64_t done_images_{0};  // counters_.images that were tried
   std::uint64_t done_asked_number_{0};
   std::shared_ptr<const MapScene> last_;

@@ -525,7 +525,11 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
       }
       watch.target = target;
     }
-    const bool was_followed = trajectory.empty() || scenes_->follow(true);
+    if (!trajectory.empty() && !scenes_->follow(true)) {  // the last scene may be of long ago
+      std::string why_not;
+      const std::optional<Eigen::Isometry3d> T_map_base = robot_.base(&why_not);
+      if (T_map_base) scenes_->current(*T_map_base, nullptr, &why_not);  // what fails, monitor() tells
+    }
     {
       const std::lock_guard<std::mutex> lock(monitor_mutex_);
       if (trajectory.empty()) {
@@ -541,9 +545,6 @@ bool MotionPlanningRos::onWatch(WatchTrajectory::Request& request, WatchTrajecto
       }
     }
     monitor();
-    std::string why_not;
-    const std::optional<Eigen::Isometry3d> T_map_base = robot_.base(&why_not);
-    if (!was_followed && T_map_base) scenes_->current(*T_map_base, nullptr, &why_not);  // the last may be of long ago
     response.success = 1;
   } catch (const PlanFailure& why) {
     response.message = why.message;
@@ -574,11 +575,10 @@ void MotionPlanningRos::monitor() {
       watch_.reset();
     } else {
       state.is_watching = 1;
-      std::string why_not;
       const std::shared_ptr<const MapScene> scene = scenes_->last();
+      std::string why_not = scene ? scenes_->problem() : "no map has come";
       const std::optional<Eigen::Isometry3d> T_map_base = robot_.base(&why_not);
-      if (!scene) why_not = "no map has come";
-      if (scene && T_map_base) {
+      if (why_not.empty()) {
         motion_planning::Watched watched;
         watched.target = watch_->target;
         watched.first_rad = watch_->first_rad;
@@ -611,11 +611,12 @@ void MotionPlanningRos::monitor() {
 void MotionPlanningRos::diagnoseMap(diagnostic_updater::DiagnosticStatusWrapper& status) {
   using diagnostic_msgs::DiagnosticStatus;
   const SceneKeeper::Counters counters = scenes_->counters();
+  const std::string problem = scenes_->problem();
   const std::shared_ptr<const MapScene> last = scenes_->last();
   if (counters.images == 0) {
     status.summary(DiagnosticStatus::WARN, "the map has taken in no image");
-  } else if (!counters.last_failure.empty()) {
-    status.summary(DiagnosticStatus::ERROR, counters.last_failure);
+  } else if (!problem.empty()) {
+    status.summary(DiagnosticStatus::ERROR, problem);
   } else if (const double age_s = (ros::WallTime::now() - counters.last_image).toSec(); age_s > kQuietMap_s) {
     status.summary(DiagnosticStatus::WARN, formatted("the map took in its last image %.0f s ago", age_s));
   } else {

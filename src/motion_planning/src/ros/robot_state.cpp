@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <thread>
 
 #include <interactive_mapping_common/formatted.h>
@@ -75,6 +76,10 @@ void RobotState::onJointState(const sensor_msgs::JointStateConstPtr& message) {
 }
 
 std::optional<ArmVector> RobotState::arm(std::string* why_not) const {
+  return armWithin(params_.state.max_joint_age_s, why_not);
+}
+
+std::optional<ArmVector> RobotState::armWithin(double max_age_s, std::string* why_not) const {
   const ros::Time now = ros::Time::now();
   const std::lock_guard<std::mutex> lock(mutex_);
   ArmVector result;
@@ -85,9 +90,9 @@ std::optional<ArmVector> RobotState::arm(std::string* why_not) const {
       return std::nullopt;
     }
     const double age_s = (now - found->second.second).toSec();
-    if (std::abs(age_s) > params_.state.max_joint_age_s) {
+    if (std::abs(age_s) > max_age_s) {
       *why_not = std::string("the joint state of ") + kArmJoints[i] + " is " + formatted("%.3f s", age_s) +
-                 " old, allowed are " + formatted("%.3f s", params_.state.max_joint_age_s);
+                 " old, allowed are " + formatted("%.3f s", max_age_s);
       return std::nullopt;
     }
     result[static_cast<Eigen::Index>(i)] = found->second.first;
@@ -172,9 +177,16 @@ void RobotState::onAttached(const interactive_mapping_msgs::AttachedBrickConstPt
   }
   if (!problem.empty()) ROS_ERROR_NAMED(kLog, "attached brick %d: %s", message->id, problem.c_str());
   std::string why_not;
-  const std::optional<ArmVector> joints_rad = arm(&why_not);
+  // However old: the arm stands where it lets go.
+  const std::optional<ArmVector> joints_rad = armWithin(std::numeric_limits<double>::infinity(), &why_not);
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (held_ && message->is_attached == 0 && joints_rad) addToLoad(*kinematics_, *joints_rad, held_->brick, &load_);
+  if (held_ && message->is_attached == 0) {
+    if (joints_rad) {
+      addToLoad(*kinematics_, *joints_rad, held_->brick, &load_);
+    } else {
+      ROS_WARN_NAMED(kLog, "brick %d is not avoided where it was let go: %s", held_->id, why_not.c_str());
+    }
+  }
   held_ = std::move(held);
   taken_at_.reset();
   if (held_) taken_at_ = message->header.stamp;

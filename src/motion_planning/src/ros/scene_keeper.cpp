@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include <interactive_mapping_common/formatted.h>
 #include <interactive_mapping_common_ros/markers.h>
 #include <interactive_mapping_common_ros/poses.h>
 #include <interactive_mapping_msgs/GetMesh.h>
@@ -24,6 +25,7 @@ using interactive_mapping_msgs::GetMesh;
 using interactive_mapping_msgs::MapUpdate;
 using interactive_mapping_msgs::QueryMap;
 
+constexpr double kMaxTry_s = 5.0;                       // wall time; a scene takes some 0.1 s
 constexpr std::chrono::milliseconds kCancelPeriod(10);  // how soon a waiting request notices that it was cancelled
 
 SpaceState toSpaceState(std::uint8_t state) {
@@ -134,6 +136,13 @@ SceneKeeper::Counters SceneKeeper::counters() const {
   return counters_;
 }
 
+std::string SceneKeeper::problem() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (!counters_.last_failure.empty() || trying_since_.isZero()) return counters_.last_failure;
+  const double tried_s = (ros::SteadyTime::now() - trying_since_).toSec();
+  return tried_s > kMaxTry_s ? interactive_mapping::formatted("the map has not answered for %.1f s", tried_s) : "";
+}
+
 bool SceneKeeper::isNear(const Eigen::Isometry3d& T_map_base, const Eigen::Isometry3d& other) const {
   const Eigen::Isometry3d step = T_map_base.inverse() * other;
   return step.translation().norm() <= params_.state.max_shift_m &&
@@ -178,6 +187,7 @@ void SceneKeeper::work() {
       asked_number = asked_number_;
       if (asked_number_ > done_asked_number_) T_map_base = asked_pose_;
       last = last_;
+      trying_since_ = ros::SteadyTime::now();
     }
     std::shared_ptr<MapScene> made;
     std::string failure;
@@ -224,6 +234,7 @@ void SceneKeeper::work() {
       done_images_ = images;
       done_asked_number_ = asked_number;
       counters_.last_failure = failure;
+      trying_since_ = ros::SteadyTime();
       if (made) {
         last_ = made;
         ++counters_.scenes;

@@ -141,7 +141,7 @@ TEST_F(RobotStateTest, WhatIsLetGoOverTheContainerLiesInIt) {
   T_base_tip.translation().z() += 0.25;
   T_base_tip.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()));
   const ArmVector over_place = arm_->inverse(T_base_tip, ArmVector::Zero()).at(0);
-  const auto letGo = [&](const ArmVector& joints_rad) {
+  const auto letGo = [&](const ArmVector& joints_rad, bool is_driver_silent = false) {
     ASSERT_TRUE(waitUntil([&] {
       tellJoints(joints_rad);
       std::string why_not;
@@ -149,6 +149,8 @@ TEST_F(RobotStateTest, WhatIsLetGoOverTheContainerLiesInIt) {
       return known && known->isApprox(joints_rad);
     }));
     attach(ros::Time::now());
+    std::string why_not;
+    if (is_driver_silent) ASSERT_TRUE(waitUntil([&] { return !robot_->arm(&why_not); }));
     attached_.publish(AttachedBrick());
     ASSERT_TRUE(waitUntil([this] { return !robot_->held(); }));
   };
@@ -161,6 +163,8 @@ TEST_F(RobotStateTest, WhatIsLetGoOverTheContainerLiesInIt) {
   }
   robot_->emptied();
   EXPECT_TRUE(robot_->load().empty());
+  letGo(over_place, true);
+  EXPECT_EQ(robot_->load().size(), 1u);
 }
 
 TEST_F(RobotStateTest, AnotherLoadOfAsManyBricksIsShown) {

@@ -58,7 +58,7 @@ class NbvSelectionRos {
                         const std::function<void(const Server::Feedback&)>& tell);
   /// The next three throw Refused.
   Loaded& strategyOf(const std::string& name);
-  base_navigation::Pose2d whereTheRobotIs() const;
+  base_navigation::Pose2d whereTheRobotIs();
   nbv_selection::SelectionRequest makeRequest(const Server::Goal& goal);
   void note(const std::string& strategy, const interactive_mapping_msgs::SelectionOutcome& outcome, double wall_ms);
 
@@ -69,6 +69,8 @@ class NbvSelectionRos {
   bool onFailure(interactive_mapping_msgs::ReportFailure::Request& request,
                  interactive_mapping_msgs::ReportFailure::Response& response);
   bool onForget(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
+  /// Returns how many, in a sentence.
+  std::string forgetFailures();
   void diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapper& status);
   void diagnoseSelections(diagnostic_updater::DiagnosticStatusWrapper& status);
 
@@ -81,6 +83,7 @@ class NbvSelectionRos {
   SelectionMarkers markers_;
   ros::Publisher selection_publisher_, failure_publisher_;
   base_navigation_ros::GroundInput ground_;  // of the subscribers' thread
+  double last_request_s_{0.0};               // of the thread that selects, ROS time
 
   mutable std::mutex mutex_;  // guards what follows, up to the blank line
   std::shared_ptr<const base_navigation::NavigationGrid> grid_;

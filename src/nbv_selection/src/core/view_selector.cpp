@@ -369,14 +369,14 @@ std::string describeHidden(const Selection& selection, const std::optional<Groun
   return text.str();
 }
 
-/// Of at least one candidate.
-const ScoredSegment& mostManipulable(const std::vector<ScoredSegment>& segments) {
+/// Null: there is no candidate.
+const ScoredSegment* mostManipulable(const std::vector<ScoredSegment>& segments) {
   const ScoredSegment* most = nullptr;
   for (const ScoredSegment& scored : segments) {
     if (scored.verdict != SegmentVerdict::kCandidate) continue;
     if (most == nullptr || scored.attributes.manipulability > most->attributes.manipulability) most = &scored;
   }
-  return *most;
+  return most;
 }
 
 void requirePossible(const std::vector<ExtraFactor>& factors) {
@@ -570,10 +570,8 @@ Selection ViewSelector::select(const SceneModel& scene, const FailureMemory& fai
     return has_pile ? end(SelectionStatus::kNoCandidate, describeVerdicts(selection.segments) + hidden)
                     : end(SelectionStatus::kNoPile, describeNoPile(config_) + hidden);
   }
-  if (manipulability) {
-    const Segment& reaching = mostManipulable(selection.segments).segment;
-    manipulability->at(reaching.standing_map, &selection.reach_samples);
-  }
+  const ScoredSegment* most = mostManipulable(selection.segments);
+  if (manipulability && most != nullptr) manipulability->at(most->segment.standing_map, &selection.reach_samples);
   const ScoredSegment& best = selection.segments[*selection.best];
   end(SelectionStatus::kSelected, "");
   if (config_.choice == Choice::kUtility && best.utility.utility < config_.utility.min_utility) {

@@ -142,11 +142,17 @@ NbvSelectionRos::Loaded& NbvSelectionRos::strategyOf(const std::string& name) {
   throw Refused{SelectionOutcome::BAD_GOAL, "strategy = '" + name + "', must be one of " + known};
 }
 
-base_navigation::Pose2d NbvSelectionRos::whereTheRobotIs() const {
+base_navigation::Pose2d NbvSelectionRos::whereTheRobotIs() {
   try {
     const geometry_msgs::TransformStamped transform =
         tf_.lookupTransform(params_.map_frame, params_.base_frame, ros::Time(0));
     const ros::Duration age = ros::Time::now() - transform.header.stamp;
+    if (-age.toSec() > params_.input.max_pose_age_s) {
+      tf_.clear();  // as long as this one is there, tf2 takes all that is newer for too old
+      throw Refused{SelectionOutcome::NO_POSE,
+                    "tf's pose of " + params_.base_frame + " is " +
+                        formatted("%.2f s ahead of ROS time: of before the clock ran back", -age.toSec())};
+    }
     // Static transforms have stamp 0: always true.
     if (!transform.header.stamp.isZero() && age.toSec() > params_.input.max_pose_age_s) {
       throw Refused{SelectionOutcome::NO_POSE,
@@ -165,8 +171,12 @@ base_navigation::Pose2d NbvSelectionRos::whereTheRobotIs() const {
 
 nbv_selection::SelectionRequest NbvSelectionRos::makeRequest(const Server::Goal& goal) {
   nbv_selection::SelectionRequest request;
-  request.T_map_base = whereTheRobotIs();
   request.now_s = ros::Time::now().toSec();
+  if (request.now_s < last_request_s_) {  // those of before would not fade for as long as that took
+    ROS_WARN_NAMED(kLog, "time ran back by %.1f s: %s", last_request_s_ - request.now_s, forgetFailures().c_str());
+  }
+  last_request_s_ = request.now_s;
+  request.T_map_base = whereTheRobotIs();
 
   Eigen::Isometry3d T_map_zones = Eigen::Isometry3d::Identity();
   const std::string frame = interactive_mapping_ros::withoutSlash(goal.frame_id);
@@ -330,7 +340,7 @@ void NbvSelectionRos::enterGrid(const base_navigation_ros::GroundInput::Grid& gr
 
 bool NbvSelectionRos::isTooOld(double grid_age_s) const {
   const double most_s = params_.input.max_grid_age_s;
-  return most_s > 0.0 && grid_age_s > most_s;  // 0: a static grid
+  return most_s > 0.0 && std::abs(grid_age_s) > most_s;  // 0: a static grid
 }
 
 bool NbvSelectionRos::onFailure(ReportFailure::Request& request, ReportFailure::Response& response) {
@@ -376,20 +386,26 @@ bool NbvSelectionRos::onFailure(ReportFailure::Request& request, ReportFailure::
 }
 
 bool NbvSelectionRos::onForget(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) {
+  response.message = forgetFailures();
+  response.success = 1;
+  return true;
+}
+
+std::string NbvSelectionRos::forgetFailures() {
   std_msgs::Header header;
   header.frame_id = params_.map_frame;
   header.stamp = ros::Time::now();
   visualization_msgs::MarkerArray markers;
+  std::string told;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    response.message = std::to_string(num_failures_) + " failures forgotten";
+    told = std::to_string(num_failures_) + " failures forgotten";
     failures_.clear();
     num_failures_ = 0;
     markers = toMarkers(failures_, header);
   }
   failure_publisher_.publish(markers);
-  response.success = 1;
-  return true;
+  return told;
 }
 
 void NbvSelectionRos::diagnoseInputs(diagnostic_updater::DiagnosticStatusWrapper& status) {

@@ -1261,6 +1261,16 @@ TEST(ViewSelectorRandomChoice, AnySegmentIsDrawnWhateverSpeaksAgainstIt) {
   EXPECT_LT(chi_square, chiSquareLimit(num_real - 1));
 }
 
+TEST(ViewSelectorRandomChoice, ASegmentIsDrawnThoughNoneCanBeReached) {
+  SmallSetup setup;
+  setup.config.choice = Choice::kRandomSegment;
+  setup.request.T_map_base = {40.0, 0.0, 0.0};  // outside of the grid
+  const Selection selection = select(setup.scene, setup.request, setup.config);
+  EXPECT_EQ(selection.status, SelectionStatus::kSelected) << selection.message;
+  EXPECT_THAT(candidatesOf(selection), IsEmpty());
+  EXPECT_THAT(selection.reach_samples, IsEmpty());
+}
+
 TEST(ViewSelectorRandomChoice, IsTheSameForASeed) {
   SmallSetup setup;
   std::set<std::size_t> drawn;

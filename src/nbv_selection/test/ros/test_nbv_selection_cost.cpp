@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Simulated time that a selection is charged: whatever the machine, a result comes that long after its goal.
 #include <gmock/gmock.h>
+#include <interactive_mapping_msgs/ReportFailure.h>
 #include <ros/ros.h>
 #include <rosgraph_msgs/Clock.h>
+#include <std_srvs/Trigger.h>
 
 #include "ros/selection_world.h"
 
@@ -71,6 +73,19 @@ TEST_F(NbvSelectionCost, AResultWaitsForItsTimeAndForAClockNoLongerThanStated) {
   ASSERT_TRUE(waitUntil([this] { return isDone(); }));
   EXPECT_GE((ros::WallTime::now() - sent).toSec(), 1.0) << "cost/stall_s of this test";
   EXPECT_EQ(client_->action.getState(), SimpleClientGoalState::SUCCEEDED);
+}
+
+TEST_F(NbvSelectionCost, FailuresOfBeforeTheClockRanBackAreForgotten) {
+  interactive_mapping_msgs::ReportFailure failure;
+  failure.request.pose.header.frame_id = "map";
+  ASSERT_TRUE(node_tests::call("/nbv_selection/report_failure", failure));
+  EXPECT_TRUE(failure.response.success) << failure.response.message;
+  setClock(start_s_ - 5.0);
+  send();
+  ASSERT_TRUE(waitUntil([this] { return isDone(); }));
+  std_srvs::Trigger forget;
+  ASSERT_TRUE(node_tests::call("/nbv_selection/forget_failures", forget));
+  EXPECT_EQ(forget.response.message, "0 failures forgotten");
 }
 
 }  // namespace

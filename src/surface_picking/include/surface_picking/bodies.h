@@ -50,8 +50,9 @@ struct Body {
 /// show, so the newest cuboid of a body replaces the one before; its axes are named as before. Not thread-safe.
 class BodyTracker {
  public:
-  /// Throws std::invalid_argument listing what is wrong with the config.
-  explicit BodyTracker(const BodyConfig& config);
+  /// Throws std::invalid_argument listing what is wrong with the config. `first_id`: nextId() of a tracker before this
+  /// one, whose ids others may still know.
+  explicit BodyTracker(const BodyConfig& config, int first_id = 0);
 
   struct Update {
     std::vector<std::size_t> seen;  ///< indices into bodies()
@@ -64,7 +65,7 @@ class BodyTracker {
   /// the hand are left out until the map has seen it empty. So they are after the body was let go elsewhere. Only what is
   /// wholly in `looked_at_map` was looked for: cuboids that are not are left out, and such bodies are not missed. Throws
   /// std::invalid_argument, and changes nothing, for a stamp that is before the last one. So it does for a stamp, pose
-  /// or covariance that is not finite.
+  /// or covariance that is not finite. What `space` throws it passes on; cuboids that are no known body are lost then.
   Update update(double stamp_s, const std::vector<Cuboid>& all_cuboids, const SpaceQuery& space,
                 const Eigen::AlignedBox3d& looked_at_map = gpis_mapping::kEverywhere);
 
@@ -80,6 +81,7 @@ class BodyTracker {
 
   /// In order of their ids.
   const std::vector<Body>& bodies() const { return bodies_; }
+  int nextId() const { return next_id_; }
 
  private:
   struct Taken {
@@ -104,7 +106,7 @@ class BodyTracker {
   BodyConfig config_;
   std::vector<Body> bodies_;
   std::vector<Taken> taken_;
-  int next_id_{0};
+  int next_id_;
   double last_stamp_s_{-std::numeric_limits<double>::infinity()};
   Eigen::AlignedBox3d looked_at_;
   std::set<int> shown_;  // by the last update

@@ -55,6 +55,10 @@ struct SurfacePickingParams {
   }
 };
 
+/// Where the node keeps the id of the next body, as no configuration: after a crash, when roslaunch has started it again,
+/// none of the ids that the mission knows must be given to another body.
+inline constexpr char kNextIdParam[] = "next_body_id";
+
 /// Reads `~` parameters. Throws one std::invalid_argument that lists every unknown key, wrong type and impossible value.
 SurfacePickingParams loadSurfacePickingParams(const ros::NodeHandle& private_nh);
 

@@ -82,6 +82,8 @@ class SurfacePickingRos {
   MapSurface map_;
   tf2_ros::Buffer tf_buffer_;
   const tf2_ros::TransformListener tf_listener_{tf_buffer_};
+  const ros::NodeHandle private_nh_;
+  int kept_next_id_{0};  // the worker's: in kNextIdParam
 
   mutable std::mutex bodies_mutex_;  // guards what follows, up to the blank line
   surface_picking::BodyTracker tracker_;

@@ -65,8 +65,8 @@ bool isFree(const Cuboid& cuboid, const SpaceQuery& space) {
 
 }  // namespace
 
-BodyTracker::BodyTracker(const BodyConfig& config)
-    : config_(interactive_mapping::requireValid("impossible bodies:", config)) {}
+BodyTracker::BodyTracker(const BodyConfig& config, int first_id)
+    : config_(interactive_mapping::requireValid("impossible bodies:", config)), next_id_(first_id) {}
 
 BodyTracker::Update BodyTracker::update(double stamp_s, const std::vector<Cuboid>& all_cuboids, const SpaceQuery& space,
                                         const Eigen::AlignedBox3d& looked_at_map) {
@@ -143,20 +143,18 @@ void BodyTracker::show(const Cuboid& cuboid, Body* body) {
 }
 
 std::vector<int> BodyTracker::dropContradicted(const std::vector<Cuboid>& cuboids, const SpaceQuery& space) {
-  std::vector<int> dropped;
-  std::vector<Body> kept;
-  for (Body& body : bodies_) {
+  std::vector<int> dropped;  // all of them before any goes: `space` may throw
+  for (const Body& body : bodies_) {
     const auto contradicts = [&](const Cuboid& cuboid) { return areOverlapping(body.cuboid, cuboid); };
     const bool is_gone = shown_.count(body.id) == 0 && (body.num_missed > config_.max_missed ||
                                                         std::any_of(cuboids.begin(), cuboids.end(), contradicts) ||
                                                         (isLookedFor(body.cuboid) && isFree(body.cuboid, space)));
-    if (is_gone) {
-      dropped.push_back(body.id);
-    } else {
-      kept.push_back(std::move(body));
-    }
+    if (is_gone) dropped.push_back(body.id);
   }
-  bodies_ = std::move(kept);
+  const auto isDropped = [&](const Body& body) {
+    return std::find(dropped.begin(), dropped.end(), body.id) != dropped.end();
+  };
+  bodies_.erase(std::remove_if(bodies_.begin(), bodies_.end(), isDropped), bodies_.end());
   return dropped;
 }
 

@@ -6,7 +6,7 @@
 namespace surface_picking_ros {
 
 SurfacePickingParams loadSurfacePickingParams(const ros::NodeHandle& private_nh) {
-  return interactive_mapping_ros::loadParams<SurfacePickingParams>(private_nh, {});
+  return interactive_mapping_ros::loadParams<SurfacePickingParams>(private_nh, {kNextIdParam});
 }
 
 }  // namespace surface_picking_ros

@@ -38,7 +38,8 @@ SurfacePickingRos::SurfacePickingRos(const ros::NodeHandle& nh, const ros::NodeH
     : params_(loadSurfacePickingParams(private_nh)),
       catalogue_(mp700_ur5e_description::loadBrickTypes(params_.bricks_file)),
       map_(nh, params_.map_frame),
-      tracker_(params_.bodies),
+      private_nh_(private_nh),
+      tracker_(params_.bodies, private_nh_.param(kNextIdParam, 0)),
       markers_(catalogue_),
       detect_(private_nh, params_.detect, {params_.map_frame, "update of the map", nh.resolveName("map_update")}),
       diagnostics_(nh, private_nh, private_nh.getNamespace()) {
@@ -170,6 +171,7 @@ void SurfacePickingRos::look(const MapUpdate& update, const Eigen::AlignedBox3d&
   const ros::Time stamp = std::max(message.header.stamp, update.header.stamp);
   std::vector<Body> bodies;
   surface_picking::BodyTracker::Update seen;
+  int next_id = 0;
   {
     const std::lock_guard<std::mutex> lock(bodies_mutex_);
     if (stamp < bricks_.header.stamp) {
@@ -179,8 +181,10 @@ void SurfacePickingRos::look(const MapUpdate& update, const Eigen::AlignedBox3d&
     }
     seen = tracker_.update(stamp.toSec(), cuboids, space, view_map);
     bodies = tracker_.bodies();
+    next_id = tracker_.nextId();
     dropped_.insert(dropped_.end(), seen.dropped.begin(), seen.dropped.end());
   }
+  if (next_id != kept_next_id_) private_nh_.setParam(kNextIdParam, kept_next_id_ = next_id);
   std::vector<std::size_t> all(bodies.size());
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
   std::vector<interactive_mapping_msgs::Brick> bricks = toBricks(bodies, all);

@@ -65,6 +65,22 @@ TEST_F(Bodies, KeepTheirIdsThroughSmallMovesAndAnyOrder) {
 }
 
 // The same body described with other axes: a brick of 0.3 x 0.2 x 0.2 has eight such descriptions.
+TEST_F(Bodies, StayWholeWhenTheMapDoesNotAnswer) {
+  const Cuboid a = cuboidAt(pose(0.0, 0.0, 0.1));
+  see({a, cuboidAt(pose(0.4, 0.0, 0.1))});
+  const SpaceQuery space = [](const auto&) -> std::vector<SpaceState> { throw std::runtime_error("no answer"); };
+  EXPECT_THROW(see({a}, space), std::runtime_error);
+  ASSERT_THAT(idsOf(tracker_), ElementsAre(0, 1));
+  for (const Body& body : tracker_.bodies()) EXPECT_EQ(body.cuboid.type, a.type);
+}
+
+TEST_F(Bodies, AreToldApartFromThoseOfATrackerBefore) {
+  see({cuboidAt(pose(0.0, 0.0, 0.1))});
+  BodyTracker next(BodyConfig(), tracker_.nextId());
+  next.update(1.0, {cuboidAt(pose(0.4, 0.0, 0.1))}, {}, gpis_mapping::kEverywhere);
+  EXPECT_THAT(idsOf(next), ElementsAre(1));
+}
+
 TEST_F(Bodies, NameTheirAxesAsBefore) {
   const Eigen::Isometry3d T = pose(0.0, 0.0, 0.1, 0.3);
   Cuboid first = cuboidAt(T);

@@ -181,6 +181,10 @@ TEST_F(SurfacePickingNode, ReportsBodiesWithPoseFacesAndStableIds) {
     }
     EXPECT_LT(nearest, 0.006);  // as test_cuboids has it
   }
+  EXPECT_GE(first.bricks[0].id, 7) << "of a node that crashed";
+  int next_id = 0;
+  EXPECT_TRUE(ros::param::get("/surface_picking/next_body_id", next_id));
+  EXPECT_EQ(next_id, first.bricks[1].id + 1);
   const BrickArray second = look();
   ASSERT_EQ(second.bricks.size(), 2u);
   for (std::size_t i = 0; i < 2; ++i) {

@@ -32,7 +32,7 @@ class SystemDiagnosticsRos {
 
   void onTransforms(const TransformEvent& event, bool is_static);
   void onImage(const ros::MessageEvent<sensor_msgs::Image const>& event);
-  void onOdometry(const nav_msgs::OdometryConstPtr& odometry);
+  void onOdometry(const ros::MessageEvent<nav_msgs::Odometry const>& event);
   /// Now; forgets everything when the clock has gone back.
   ros::Time checkClock();
 

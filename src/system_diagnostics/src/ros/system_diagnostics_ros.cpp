@@ -139,6 +139,7 @@ ros::Time SystemDiagnosticsRos::checkClock() {
 
 void SystemDiagnosticsRos::onTransforms(const TransformEvent& event, bool is_static) {
   const ros::Time now = checkClock();
+  if (event.getReceiptTime() > now) return;  // it waited here while the clock went back
   const std::string publisher = event.getPublisherName();
   for (const geometry_msgs::TransformStamped& transform : event.getMessage()->transforms) {
     tree_.add(now.toSec(), withoutSlash(transform.header.frame_id), withoutSlash(transform.child_frame_id), publisher,
@@ -158,7 +159,7 @@ void SystemDiagnosticsRos::onTransforms(const TransformEvent& event, bool is_sta
 }
 
 void SystemDiagnosticsRos::onImage(const ros::MessageEvent<sensor_msgs::Image const>& event) {
-  checkClock();
+  if (event.getReceiptTime() > checkClock()) return;
   const sensor_msgs::ImageConstPtr& image = event.getConstMessage();
   delays_.add(event.getReceiptTime().toSec(), image->header.stamp.toSec());
   if (!params_.motion.enabled) return;
@@ -177,8 +178,9 @@ void SystemDiagnosticsRos::onImage(const ros::MessageEvent<sensor_msgs::Image co
   }
 }
 
-void SystemDiagnosticsRos::onOdometry(const nav_msgs::OdometryConstPtr& odometry) {
-  checkClock();
+void SystemDiagnosticsRos::onOdometry(const ros::MessageEvent<nav_msgs::Odometry const>& event) {
+  if (event.getReceiptTime() > checkClock()) return;
+  const nav_msgs::OdometryConstPtr& odometry = event.getConstMessage();
   estimator_.addYaw(odometry->header.stamp.toSec(), yawOf(odometry->pose.pose.orientation));
 }
 
