@@ -356,9 +356,17 @@ bool MotionStep::isWaitingForRest(const StepContext& context) {
   if (verdict_.status == ArmStatus::kLostOnTheWay && context.time_s - *rest_since_s_ < context.load.lossWindow()) {
     return true;
   }
-  const bool is_effect =
-      verdict_.status == ArmStatus::kTrajectoryAborted || verdict_.status == ArmStatus::kTrajectoryRefused;
-  return is_effect && passed_s < kCause_s && context.gate.checkRobot(context.arm(), context.now_s).isFine();
+  const bool is_effect = verdict_.status == ArmStatus::kTrajectoryAborted ||
+                         verdict_.status == ArmStatus::kTrajectoryRefused ||
+                         verdict_.status == ArmStatus::kProgramStopped;
+  const Verdict cause = causeOf(context);
+  const bool is_cause_told = !cause.isFine() && cause.status != ArmStatus::kProgramStopped;
+  return is_effect && passed_s < kCause_s && !is_cause_told;
+}
+
+Verdict MotionStep::causeOf(const StepContext& context) const {
+  const Verdict robot = context.gate.checkRobot(context.arm(), context.now_s);
+  return robot.status == verdict_.status ? Verdict{} : robot;
 }
 
 std::optional<Verdict> MotionStep::finish(StepContext& context) {
@@ -389,12 +397,12 @@ std::optional<Verdict> MotionStep::finish(StepContext& context) {
   if (verdict_.status == ArmStatus::kLostOnTheWay && !lossOf(context)) {
     verdict_ = {ArmStatus::kPathBlocked, "the weight is back: something pushed the brick; " + verdict_.message};
   }
-  // What the controller and the weight say is the effect; the robot knows the cause. recover weighs again.
+  // What controller, weight and program tell is the effect; the robot knows the cause. recover weighs again.
   const bool is_effect = verdict_.status == ArmStatus::kTrajectoryAborted ||
                          verdict_.status == ArmStatus::kTrajectoryRefused || verdict_.status == ArmStatus::kStalled ||
-                         verdict_.status == ArmStatus::kLostOnTheWay;
-  const Verdict robot = context.gate.checkRobot(context.arm(), context.now_s);
-  if (is_effect && !robot.isFine()) return Verdict{robot.status, robot.message + "; " + verdict_.message};
+                         verdict_.status == ArmStatus::kLostOnTheWay || verdict_.status == ArmStatus::kProgramStopped;
+  const Verdict cause = causeOf(context);
+  if (is_effect && !cause.isFine()) return Verdict{cause.status, cause.message + "; " + verdict_.message};
   return verdict_;
 }
 

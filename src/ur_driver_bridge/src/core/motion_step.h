@@ -64,6 +64,8 @@ class MotionStep : public Step {
   void rest(const StepContext& context, const Verdict& verdict);
   void followStop(StepContext& context);
   bool isWaitingForRest(const StepContext& context);
+  /// What the robot tells that is not verdict_ itself, and may be its cause; fine: nothing.
+  Verdict causeOf(const StepContext& context) const;
   std::optional<Verdict> finish(StepContext& context);
 
   WatchPhase watch_phase_;

@@ -465,6 +465,17 @@ TEST(Executor, TheGateStopsTheArmOnItsPath) {
   }
 }
 
+TEST(Executor, AProtectiveStopIsToldThoughTheRobotFirstTellsThatItsProgramStands) {
+  Mover arm;
+  arm.getGoing();
+  arm.gate.arm.is_program_running = false;
+  arm.abort(TrajectoryEvent::Kind::kAborted, "robot");
+  const double since_s = arm.now_s;
+  while (arm.now_s - since_s < 0.1) arm.step();
+  arm.gate.arm.safety_mode = safety_mode::kProtectiveStop;
+  expectEnds(arm, ArmStatus::kProtectiveStop);
+}
+
 TEST(Executor, ASlowedArmIsWatchedAnewWhereItIsAndArrives) {
   Mover arm;
   arm.scaling = 0.1;
