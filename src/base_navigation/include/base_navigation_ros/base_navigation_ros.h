@@ -78,6 +78,7 @@ class BaseNavigationRos {
   void onGround(const nav_msgs::OccupancyGridConstPtr& message);
   void onGroundUpdate(const map_msgs::OccupancyGridUpdateConstPtr& message);
   void enterGround(GroundInput::Grid grid, const ros::Time& stamp, std::string problem);
+  /// Of ROS time, by more than clocks may differ; then `problem` says so.
   bool isAhead(const ros::Time& stamp, std::string* problem) const;
   bool isGroundStatic() const { return params_.navigator.max_grid_age_s == 0.0; }
   void onEmergencyStop(const neo_msgs::EmergencyStopStateConstPtr& message);

@@ -91,7 +91,7 @@ class WorkerActionServer {
         return is_stopping_ || has_next_;
       };
       if (is_cancelled()) {
-        refuse(goal, "cancelled before it was begun");
+        refuse(goal, "cancelled or replaced before it was begun");
         lock.lock();
         continue;
       }

@@ -20,6 +20,7 @@ using interactive_mapping_msgs::PlanArmResult;
 using interactive_mapping_msgs::PlanOutcome;
 
 // Callbacks of two topics run at once: the cancel's may come while the goal's is still handing the goal over.
+// In this package, as interactive_mapping_common may not know an action whose result has an outcome.
 TEST(WorkerActionServer, NoCancelIsLostThatComesRightAfterItsGoal) {
   constexpr int kGoals = 2000;
   constexpr double kLost_s = 2.0;
