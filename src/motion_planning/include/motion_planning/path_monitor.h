@@ -74,11 +74,10 @@ class PathMonitor {
   /// Watches this trajectory from now on. Throws std::invalid_argument if it is empty.
   void start(JointTrajectory trajectory, std::shared_ptr<const ArmKinematics> arm);
   void stop();
-  bool isActive() const;
 
   /// `elapsed_s` since the start of the trajectory. `checker` knows what is held and what may be touched in this phase,
   /// and the scene as it is now. Where it objects, `beyond` is asked, if there is one. Once it says stop, it does so
-  /// until start(). Throws std::logic_error unless active.
+  /// until start(). Throws std::logic_error before start() and after stop().
   PathVerdict check(double elapsed_s, const CollisionChecker& checker, const CollisionChecker* beyond = nullptr);
 
  private:

@@ -71,7 +71,6 @@ class TransformWatch {
   void clear();
 
   const std::string& name() const { return name_; }
-  const TransformWatchConfig& config() const { return config_; }
 
  private:
   struct Sample {

@@ -39,9 +39,8 @@ class ContactDetector {
   /// Throws std::invalid_argument listing every impossible value.
   explicit ContactDetector(const ContactDetectorConfig& config);
 
-  void reset();
   /// Samples in the order of time; one that is not newer than the last is ignored, one that is not finite resets the
-  /// debounce. Missing samples do not: the force is taken to have stayed. Once there is contact, it stays until reset().
+  /// debounce. Missing samples do not: the force is taken to have stayed. Once there is contact, it stays.
   const Contact& add(const Stamped<ToolForce>& sample);
   const Contact& contact() const { return contact_; }
 

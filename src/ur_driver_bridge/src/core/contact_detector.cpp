@@ -7,12 +7,6 @@ namespace ur_driver_bridge {
 ContactDetector::ContactDetector(const ContactDetectorConfig& config)
     : config_(interactive_mapping::requireValid("impossible contact detector:", config)) {}
 
-void ContactDetector::reset() {
-  contact_ = Contact{};
-  last_s_.reset();
-  above_since_s_.reset();
-}
-
 const ContactDetector::Contact& ContactDetector::add(const Stamped<ToolForce>& sample) {
   if (!std::isfinite(sample.stamp_s) || (last_s_ && sample.stamp_s <= *last_s_)) return contact_;
   last_s_ = sample.stamp_s;

@@ -112,10 +112,6 @@ void PathMonitor::stop() {
   stopped_.reset();
 }
 
-bool PathMonitor::isActive() const {
-  return trajectory_.has_value();
-}
-
 PathVerdict PathMonitor::check(double elapsed_s, const CollisionChecker& checker, const CollisionChecker* beyond) {
   if (!trajectory_) throw std::logic_error("no trajectory is watched");
   if (stopped_) return *stopped_;
