@@ -20,9 +20,6 @@ log_dir=$root/build/log
 say() { printf '%s\n' "$*"; }
 die() { printf 'error: %s\n' "$*" >&2; exit 1; }
 
-# is_seed TEXT: what the nodes take, in decimal for roslaunch, too.
-is_seed() { [[ $1 =~ ^(0|[1-9][0-9]{0,9})$ ]] && [ "$1" -le 2147483647 ]; }
-
 # usage_from SCRIPT: prints the comment block below the shebang and SPDX line as help.
 usage_from() { awk 'NR <= 2 { next } /^#/ { sub(/^# ?/, ""); print; next } { exit }' "$1"; }
 
@@ -35,6 +32,15 @@ report_progress() {
     line=$(tail -c 2000 "$log" 2>/dev/null | tail -n 1 | tr '\r' '\n' | tail -n 1 | cut -c 1-110)
     if [ -n "$line" ] && [ "$line" != "$last" ]; then printf '    %s\n' "$line"; last=$line; fi
   done
+}
+
+# note_machine: what a measurement was made on.
+note_machine() {
+  say "date      $(date -u +%Y-%m-%dT%H:%MZ)"
+  say "commit    $(git describe --always --dirty 2>/dev/null || echo unknown)"
+  say "processor $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -n 1), $(nproc) cores"
+  say "compiler  $(c++ --version | head -n 1)"
+  say "load      $(cut -d ' ' -f 1-3 /proc/loadavg) at the start"
 }
 
 # What has been done and how long it took, "SECONDS LABEL" each: note_duration adds a line, say_durations prints all.
@@ -147,9 +153,12 @@ build_workspace() {
   esac
 }
 
-# use_workspace: makes rosrun and rospack know the packages built here.
+# use_workspace: makes rosrun and rospack know the packages built here, or in a catkin workspace that is sourced.
 use_workspace() {
-  [ -f "$root/devel/setup.bash" ] || die "devel/setup.bash is missing: build first."
+  if [ ! -f "$root/devel/setup.bash" ]; then
+    case "$(rospack find pick_mission 2>/dev/null)" in "$root"/*) return ;; esac
+    die "devel/setup.bash is missing: build first, or source the catkin workspace this is in."
+  fi
   # Sourced already, perhaps by a workspace on top of it: that one's packages stay known.
   case ":${CMAKE_PREFIX_PATH-}:" in *":$root/devel:"*) return ;; esac
   set +u

@@ -31,6 +31,11 @@ def parser_of(doc):
     return argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
+def file_error(error):
+    """Of an OSError; a write knows no name."""
+    return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+
+
 def one_line_errors(main):
     """A Refusal or an error with a file ends the command with one line and code 1, a UsageError with 2; a main() without a result ends with 0."""
     @functools.wraps(main)
@@ -43,7 +48,7 @@ def one_line_errors(main):
         except Refusal as error:
             text = error
         except OSError as error:
-            text = f"{error.filename}: {error.strerror}"
+            text = file_error(error)
         print(f"{pathlib.Path(sys.argv[0]).stem}: {text}", file=sys.stderr)
         return 1
     return wrapped

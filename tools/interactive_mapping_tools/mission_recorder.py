@@ -22,7 +22,7 @@ import xmlrpc.client
 import numpy as np
 import yaml
 
-from .cli import parser_of
+from .cli import file_error, parser_of
 from .mission_run import END_WORDS
 
 MAX_MAPS = 60  # in a folder; those of a mission with more picks are left out, but for the last
@@ -186,7 +186,7 @@ class Recorder:
         try:
             write(*arguments)
         except OSError as error:  # a full disk ends no mission
-            self.screen.line(f"{error.filename} cannot be written: {error.strerror}")
+            self.screen.line(f"the recording cannot be written: {file_error(error)}")
             self.processes.mark = ""
 
     def _head(self, state):

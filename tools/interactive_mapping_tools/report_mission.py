@@ -19,13 +19,12 @@ import numpy as np
 import yaml
 from PIL import Image
 
-from . import mission_run, plot_mission, render_mesh
+from . import ROOT, mission_run, plot_mission, render_mesh
 from .cli import Refusal, one_line_errors, parser_of
 from .mission_run import count_of, duration, number
 
 TEMPLATES = jinja2.Environment(loader=jinja2.FileSystemLoader(str(pathlib.Path(__file__).parent / "templates")), autoescape=True, trim_blocks=True,
                                lstrip_blocks=True, undefined=jinja2.StrictUndefined)
-ROOT = pathlib.Path(__file__).resolve().parents[2]
 CAPTIONS = {
     "path.png": "Where the robot drove and stood, and the pile, from above. An arrow points to where the robot looked.",
     "time.png": "Where the time went.",

@@ -59,6 +59,7 @@ BETTER = {"bricks": 1, "map_coverage": 1, "map_precision": 1, "falls": -1, "drop
           "load_contacts": -1, "disturbance_m": -1, "fruitless_views": -1, "guard_stops": -1, "seconds_to_50": -1}
 BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, csv.Error)
 NUM_RESAMPLES = 10000
+MAX_EXACT = 16  # pairs, whose 2^16 flips take 0.4 s
 SHOWN_BELOW = 0.1  # a difference with a smaller p is pointed out; five pairs cannot have one below 0.06
 
 
@@ -162,11 +163,16 @@ def interval(values):
 
 
 def p_of(differences):
-    """Of the exact two-sided test that flips the differences' signs: how likely chance gives as large a mean. At least
-    2 / 2^n; nan of fewer than two."""
-    if len(differences) < 2:
+    """Of the two-sided test that flips the differences' signs: how likely chance gives as large a mean. Exact, at least
+    2 / 2^n, up to MAX_EXACT differences; of more, from as many random flips as those have. nan of fewer than two."""
+    count = len(differences)
+    if count < 2:
         return math.nan
-    signs = np.array(list(itertools.product((1, -1), repeat=len(differences))))
+    if count <= MAX_EXACT:
+        signs = np.array(list(itertools.product((1, -1), repeat=count)))
+    else:
+        signs = np.random.default_rng(1).choice((1, -1), size=(2 ** MAX_EXACT, count))
+        signs[0] = 1  # what was found is one of them: never 0
     equal = 1e-12 * np.abs(differences).sum()  # sums of the same numbers in another order
     return np.mean(np.abs(signs @ differences) >= abs(sum(differences)) - equal)
 
@@ -190,13 +196,13 @@ def differences(runs, first, key):
 
 
 def summaries_of(rows):
-    """[one per scene, cycle, variant and measure]. A time is given only if all missions
+    """[one per scene, cycle, variant and measure]; the differences are to `complete`, without it to the first. A time is given only if all missions
     reached it: the mean of some of them would be that of the fast ones."""
     found = []
     for scene, cycle in dict.fromkeys((row["scene"], row["cycle"]) for row in rows):
         of_scene = [row for row in rows if (row["scene"], row["cycle"]) == (scene, cycle)]
         variants = {variant: {row["seed"]: row for row in of_scene if row["variant"] == variant}
-                    for variant in dict.fromkeys(row["variant"] for row in of_scene)}
+                    for variant in sorted({row["variant"]: None for row in of_scene}, key=lambda name: name != "complete")}
         first = next(iter(variants.values()))
         for (variant, runs), (key, (_, factor)) in itertools.product(variants.items(), SHOWN.items()):
             values = [factor * row[key] for row in runs.values() if not math.isnan(row[key])]
@@ -231,7 +237,7 @@ def difference_cell(entry):
 
 
 def measures_text(rows):
-    """Markdown: of each scene and cycle all measures, then the differences to the first variant; bold where p is
+    """Markdown: of each scene and cycle all measures, then the differences to `complete`, without it to the first; bold where p is
     below SHOWN_BELOW."""
     texts, summaries = [], summaries_of(rows)
     for scene, cycle in dict.fromkeys((entry["scene"], entry["cycle"]) for entry in summaries):
@@ -253,7 +259,7 @@ def measures_text(rows):
 
 
 def findings_text(rows):
-    """Markdown: of each variant the measures in which it is better and worse than the first, with p below SHOWN_BELOW."""
+    """Markdown: of each variant the measures in which it is better and worse than `complete`, with p below SHOWN_BELOW."""
     lines = {}
     for entry in summaries_of(rows):
         if entry["measure"] in BETTER and entry["p"] < SHOWN_BELOW:

@@ -30,6 +30,7 @@ def use():
     """Makes the packages built here known to this process and what it starts."""
     told = library("use_workspace; env -0", stdout=subprocess.PIPE).decode(errors="surrogateescape")
     os.environ.update(entry.split("=", 1) for entry in told.split("\0") if "=" in entry)
+    sys.path[:0] = os.environ.get("PYTHONPATH", "").split(os.pathsep)
 
 
 def software():
@@ -107,4 +108,5 @@ def run_child(command):
         except BaseException:
             signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
             child.terminate()
+            child.wait()  # after Ctrl-C subprocess itself waits for a moment only
             raise

@@ -272,7 +272,7 @@ class Table(unittest.TestCase):
 
 
 class Ending(unittest.TestCase):
-    FAKE = "#!/bin/bash\ntrap 'echo ended >>{0}; exit' TERM\necho begun >>{0}\nwhile true; do sleep 0.1; done\n"
+    FAKE = "#!/bin/bash\ntrap 'sleep 0.5; echo ended >>{0}; exit' TERM\necho begun >>{0}\nwhile true; do sleep 0.1; done\n"
     MISSION = """
 import pathlib, sys
 sys.path.insert(0, {tools!r})
@@ -297,16 +297,17 @@ finally:
             fake.write_text(self.FAKE.format(said), encoding="utf-8")
             fake.chmod(0o755)
             child.write_text(self.MISSION.format(tools=tools, tree=folder), encoding="utf-8")
-            for arguments in ([str(child)], ["-c", self.PARENT.format(tools=tools, child=str(child))]):
+            parent = ["-c", self.PARENT.format(tools=tools, child=str(child))]
+            for arguments, told, code in (([str(child)], signal.SIGTERM, 143), (parent, signal.SIGTERM, 143), (parent, signal.SIGINT, -signal.SIGINT)):
                 said.write_text("", encoding="utf-8")
-                process = subprocess.Popen(["/usr/bin/python3", *arguments], stdin=subprocess.DEVNULL)
+                process = subprocess.Popen(["/usr/bin/python3", *arguments], stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
                 self.addCleanup(process.kill)
                 end = time.monotonic() + 60.0
                 while not said.read_text(encoding="utf-8"):
                     self.assertLess(time.monotonic(), end, "the mission does not begin")
                     time.sleep(0.02)
-                process.terminate()
-                self.assertEqual(process.wait(60.0), 143)
+                process.send_signal(told)
+                self.assertEqual(process.wait(60.0), code)
                 self.assertEqual(said.read_text(encoding="utf-8"), "begun\nended\n")
 
     def test_run_mission_ends_what_carries_its_mark(self):
