@@ -190,6 +190,45 @@ TEST(DynamicMapInvalidPixels, HoleAcrossTheWholeViewDeletesAtOnceWhatWasMeasured
   EXPECT_EQ(map.snapshot()->numPoints(), 0u) << "the whole is";
 }
 
+// Its pixels are a look past it from then on, which the pixels beside them must not take for their own surface.
+TEST(DynamicMapInvalidPixels, WhatComesBesideAVanishedObjectIsWhereItIs) {
+  HoleLooks looks;
+  looks.scene.boxes = {makeBox(0, {-0.5, 0.3, 1.0}, {0.5, 0.3, 0.3}), makeBox(1, {-0.5, -0.3, 1.0}, {0.5, 0.3, 0.3})};
+  looks.scene.boxes[0].vanishes_at_frame = 3;
+  looks.scene.boxes[1].appears_at_frame = 3;
+  looks.scene.has_ground = false;
+  GpisMap map(looks.config);
+  for (int look = 0; look < 3; ++look) looks.see(&map, 0);
+  const UpdateStatistics statistics = looks.see(&map, 0);
+  EXPECT_GT(statistics.deleted, 50u);
+  EXPECT_GT(statistics.inserted, 50u);
+  for (const SurfacePoint& point : pointsOf(map)) {
+    const Eigen::Vector3d p = looks.scene.T_map_scene.inverse() * point.position_map;
+    EXPECT_NEAR(p.x(), 0.0, 0.02) << p.transpose();
+  }
+}
+
+TEST(DynamicMapInvalidPixels, HoleOfAVanishedObjectTellsNothingOfWhatIsOutOfReach) {
+  Scene scene = makeLooks({{2.0, 0.0, 1.0}, {5.0, 0.0, 1.0}, {5.0, 0.0, 1.0}, {5.0, 0.0, 1.0}}, {0.0, 0.0, 1.0});
+  scene.boxes = {makeBox(0, {-0.5, 0.0, 1.0}, {0.5, 1.0, 1.0}), makeBox(1, {3.0, 0.0, 1.0}, {0.1, 0.2, 0.2})};
+  scene.boxes[1].appears_at_frame = 1;
+  scene.boxes[1].vanishes_at_frame = 3;
+  scene.has_ground = false;
+  GpisMap map(mapConfig(scene));
+  const auto see = [&](int frame) {  // the wall is 2 m away, then 5 m: beyond the sensor's 4 m
+    cv::Mat depth_m = measureDepth(scene, frame);
+    depth_m.setTo(kNaN, depth_m > 4.0);
+    feed(&map, scene, frame, toDepthImage16(depth_m));
+  };
+  see(0);
+  const std::size_t wall = map.snapshot()->numPoints();
+  see(1);
+  see(2);
+  EXPECT_GT(map.snapshot()->numPoints(), wall + 50u);
+  see(3);
+  EXPECT_EQ(map.snapshot()->numPoints(), wall);
+}
+
 TEST(DynamicMapInvalidPixels, ImageWithoutAnyDepthAfterAFullOneDeletesNothing) {
   HoleLooks looks;
   GpisMap map(looks.config);

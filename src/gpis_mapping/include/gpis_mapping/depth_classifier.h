@@ -46,8 +46,8 @@ struct ClassifiedFrame {
   // Not kNone within one kernel length of an unmeasured pixel. Speckle does not count: a few dropouts with one surface
   // all round leave out nothing that the pixels beside them do not tell.
   std::vector<Block> blocked;
-  // Inverse range [1/m] of the nearer border of a gap of zeros that a depth edge explains: the ray is clear up to there.
-  // 0 at all other pixels.
+  // Inverse range [1/m] up to which the ray of a hole is clear: the nearer border of a gap of zeros that a depth edge
+  // explains; the wall, where a mapped surface has vanished. 0 at all other pixels.
   std::vector<float> clear_to;
   std::size_t num_surface{0};
 

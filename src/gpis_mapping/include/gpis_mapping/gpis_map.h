@@ -228,10 +228,9 @@ class GpisMap {
   void insertNew(const Frame& frame, UpdateStatistics* statistics);
   void train(UpdateStatistics* statistics);
   void publish();
-  /// Is there a point of the same face within `spacings` times the spacing, or of any face within half of that? Along
-  /// the normal the noise of both counts, if that is more.
-  bool hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2,
-                    double spacings) const;
+  /// Is there a point of the same face within the spacing, or of any face within half of it? Along the normal the noise
+  /// of both counts, if that is more.
+  bool hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2) const;
   void markTouched(const LatticeKey& key, std::uint32_t neighbour_mask);
   std::uint32_t neighbourMask(const LatticeKey& key, const Eigen::Vector3d& p_map) const;
 

@@ -97,6 +97,9 @@ class Frame {
   const Eigen::Isometry3d& T_camera_map() const { return T_camera_map_; }
   float stamp() const { return stamp_s_; }  // [s since the map's epoch]
 
+  /// Whether the sensor could measure the point, in front of the camera, at its distance; noise included.
+  bool isInReach(const Eigen::Vector3d& p_map) const;
+
   /// Pixel coordinates of a point in front of the camera; none outside the image.
   std::optional<Eigen::Vector2i> pixelOf(const Eigen::Vector3d& p_map) const;
 

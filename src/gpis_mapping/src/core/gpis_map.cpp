@@ -9,6 +9,7 @@
 #include <set>
 #include <sstream>
 #include <stdexcept>
+#include <unordered_set>
 
 #include <interactive_mapping_common/geometry/rigid_motion.h>
 #include <interactive_mapping_common/stopwatch.h>
@@ -606,6 +607,7 @@ void GpisMap::judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vecto
   };
   // Where a surface has vanished in a hole, the hole is a look past it.
   const float wall = static_cast<float>(1.0 / config_.frame_map.wall_range_m);
+  std::unordered_set<std::size_t> looked_past;
   for (std::size_t i = 0; i < hidden.size(); ++i) {
     auto& [job, index] = owners[i];
     SurfacePoint& point = job->cell->entries[index].point;
@@ -619,15 +621,15 @@ void GpisMap::judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vecto
       for (int u = std::max(0, center.x() - radius); u <= std::min(eye_.camera.width - 1, center.x() + radius); ++u) {
         const std::size_t pixel = pixels->index(u, v);
         if (pixels->kind[pixel] != PixelKind::kHole) continue;
-        pixels->kind[pixel] = PixelKind::kWall;
-        pixels->inverse_range[pixel] = wall;
+        pixels->clear_to[pixel] = wall;
+        looked_past.insert(pixel);
       }
     }
   }
   for (std::size_t i = 0; i < hidden.size(); ++i) {
     if (is_gone[i]) continue;
     const Eigen::Vector2i at = *frame.pixelOf(hidden[i].position_map);
-    if (pixels->kind[pixels->index(at.x(), at.y())] == PixelKind::kWall) remove(i);
+    if (looked_past.count(pixels->index(at.x(), at.y())) > 0 && frame.isInReach(hidden[i].position_map)) remove(i);
   }
 }
 
@@ -721,9 +723,8 @@ void GpisMap::thinOut(const std::vector<CellUpdate>& jobs) {
   for (const auto& [key, place] : gone) markTouched(key, neighbourMask(key, place));
 }
 
-bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2,
-                           double spacings) const {
-  const Crowding crowding{spacings * config_.surface.spacing_m, config_.dynamic.tolerance_sigmas};
+bool GpisMap::hasNeighbour(const Eigen::Vector3d& p_map, const Eigen::Vector3f& normal_map, double variance_m2) const {
+  const Crowding crowding{config_.surface.spacing_m, config_.dynamic.tolerance_sigmas};
   const double own_reach = crowding.reach(variance_m2);
   const Eigen::Vector3d reach = Eigen::Vector3d::Constant(own_reach + strayTolerance());
   const LatticeKey low = config_.cells.at(p_map - reach);
@@ -778,7 +779,7 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
         point.normal_variance = static_cast<float>(seen->normal_variance);
         point.last_seen_s = frame.stamp();
         point.seen_from_map = frame.T_map_camera().translation().cast<float>();
-        if (hasNeighbour(point.position_map, point.normal_map, point.variance_m2, 1.0)) continue;
+        if (hasNeighbour(point.position_map, point.normal_map, point.variance_m2)) continue;
         candidates[row].push_back(point);
       }
     }
@@ -788,7 +789,7 @@ void GpisMap::insertNew(const Frame& frame, UpdateStatistics* statistics) {
   const double block = config_.observed.block_size_m;
   for (const std::vector<SurfacePoint>& row : candidates) {
     for (const SurfacePoint& point : row) {
-      if (hasNeighbour(point.position_map, point.normal_map, point.variance_m2, 1.0)) continue;
+      if (hasNeighbour(point.position_map, point.normal_map, point.variance_m2)) continue;
       const LatticeKey key = config_.cells.at(point.position_map);
       cells_[key].entries.push_back({point, point.position_map, std::sqrt(point.variance_m2)});
       markTouched(key, neighbourMask(key, point.position_map));

@@ -29,7 +29,7 @@ constexpr double kTooNear = 1.2;
 constexpr double kTooFar = 0.8;
 constexpr double kReachSigmas = 3.0;       // nearer to the greatest range, noise may carry a depth beyond it
 constexpr double kDoubleTolerances = 2.5;  // so near behind a surface of its direction, a point is a double of it
-constexpr int kMaxMisses = 3;              // consecutive looks that see past a point within the reach of a depth edge
+constexpr int kMaxMisses = 3;              // looks past a point within the reach of a depth edge, since it was fused
 // Of the least tolerance: so far before a face of another direction, look after look, a point belongs to nothing.
 constexpr double kStrayShare = 0.5;
 constexpr double kMinNormalVariance = 4e-4;  // 1.1 degrees: normals do not get better than the calibration
@@ -250,10 +250,7 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
 
   const double range = p.norm();
   // That nothing is within reach says nothing of what lies beyond it.
-  if (kind == PixelKind::kWall &&
-      range + kReachSigmas * config_.sensor.noise.sigma(p.z()) > config_.sensor.max_range_m) {
-    return PointOutcome::kNothing;
-  }
+  if (kind == PixelKind::kWall && !isInReach(point->position_map)) return PointOutcome::kNothing;
   const double inverse_range = 1.0 / range;
   const Eigen::Vector3f n = (T_camera_map_.linear() * point->normal_map.cast<double>()).cast<float>();
   const double cosine = -n.cast<double>().dot(p) / range;
@@ -304,6 +301,11 @@ PointOutcome Frame::apply(SurfacePoint* point) const {
   if (cosine < kMinCosine) return cosine < -kMinCosine ? PointOutcome::kDoubtful : PointOutcome::kNothing;
   if (!measurement) return unfused;
   return is_near ? fuse(*measurement, p, point) : PointOutcome::kNothing;
+}
+
+bool Frame::isInReach(const Eigen::Vector3d& p_map) const {
+  const Eigen::Vector3d p = T_camera_map_ * p_map;
+  return p.norm() + kReachSigmas * config_.sensor.noise.sigma(p.z()) <= config_.sensor.max_range_m;
 }
 
 PointOutcome Frame::miss(SurfacePoint* point) const {

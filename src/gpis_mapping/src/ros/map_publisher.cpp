@@ -175,8 +175,9 @@ void MapPublisher::setState(const MapState& state, const std::vector<Eigen::Vect
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     const double mesh_age_s = (state.stamp - mesh_stamp_).toSec();  // negative: time ran back
-    const bool is_mesh_due =
-        state.generation != state_.generation || mesh_age_s < 0.0 || mesh_age_s >= output_.mesh_period_s;
+    const bool is_taken_out = state.stamp == state_.stamp;  // by a service, or with a brick: no image may follow
+    const bool is_mesh_due = state.generation != state_.generation || is_taken_out || mesh_age_s < 0.0 ||
+                             mesh_age_s >= output_.mesh_period_s;
     if (is_mesh_due) mesh_stamp_ = state.stamp;
     if (state.generation != state_.generation) removed_.clear();
     state_ = state;

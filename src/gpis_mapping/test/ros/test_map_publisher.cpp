@@ -89,6 +89,24 @@ TEST(MapPublisher, GivesALateSubscriberThePresentState) {
   EXPECT_EQ(with_pose.origin.orientation.w, 1.0);
 }
 
+TEST(MapPublisher, TheMeshWaitsForItsPeriodUnlessSomethingWasTakenOutSinceTheImage) {
+  GpisMappingParams params = everyState();
+  params.output.mesh_period_s = 10.0;
+  MapPublisher publisher(ros::NodeHandle("slow"), params);
+  Latest<interactive_mapping_msgs::SurfaceMesh> mesh("slow/mesh");
+  MapState state = floorState(1);
+  publisher.setState(state, {});
+  mesh.awaitStamp(state.stamp);
+  publisher.setState(state, {});  // returns when the subscriber's coming has been answered, too
+  const std::uint64_t made = publisher.numMade().at("mesh");
+  state = floorState(2);  // of an image a second later
+  publisher.setState(state, {});
+  EXPECT_EQ(publisher.numMade().at("mesh"), made);
+  ++state.revision;
+  publisher.setState(state, {});
+  EXPECT_EQ(publisher.numMade().at("mesh"), made + 1);
+}
+
 TEST(MapPublisher, AnOutputThatCannotBeMadeIsNamedAndLeavesTheOthers) {
   GpisMappingParams params = everyState();
   params.octomap.resolution_m = 0.005;
