@@ -14,7 +14,6 @@ namespace nbv_selection {
 struct SegmentUncertainty {
   double mean{0.0};      // of u over the samples; a sample without an answer counts as the prior
   double frontier{0.0};  // f = (1 / n) sum_j (grad u(x_j) . l)^2 (eqs 10, 11); without an answer: 0
-  double share_without_answer{0.0};
 };
 
 /// Of all segments; the map is asked once.

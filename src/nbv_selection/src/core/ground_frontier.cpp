@@ -16,13 +16,14 @@ namespace {
 /// A ray that passes a surface by less is not blocked: the map's noise and the height of a cell's middle.
 constexpr float kClearance_m = 0.03F;
 
-/// The cells about the box that holds the points.
-base_navigation::NavigationGrid latticeAround(const Eigen::AlignedBox2d& box) {
+/// The cells of the box and of what is within reach of it, from where it can be seen.
+base_navigation::NavigationGrid latticeAround(const Eigen::AlignedBox2d& box, double reach_m) {
   base_navigation::NavigationGrid lattice;
   lattice.cell_size_m = GroundFrontier::kCell_m;
-  lattice.origin_m = box.min();
-  lattice.width = static_cast<int>(std::ceil(box.sizes().x() / lattice.cell_size_m));
-  lattice.height = static_cast<int>(std::ceil(box.sizes().y() / lattice.cell_size_m));
+  const double border = std::ceil(reach_m / lattice.cell_size_m);  // in cells
+  lattice.origin_m = box.min().array() - border * lattice.cell_size_m;
+  lattice.width = static_cast<int>(std::ceil(box.sizes().x() / lattice.cell_size_m) + 2.0 * border);
+  lattice.height = static_cast<int>(std::ceil(box.sizes().y() / lattice.cell_size_m) + 2.0 * border);
   return lattice;
 }
 
@@ -37,7 +38,7 @@ GroundFrontier::GroundFrontier(const MappedSurface& surface, const gpis_mapping:
   if (!problem.empty()) throw std::invalid_argument("the workspace " + problem);
   Eigen::AlignedBox2d box;
   for (const Eigen::Vector2d& corner : workspace_map) box.extend(corner);
-  lattice_ = latticeAround(box);
+  lattice_ = latticeAround(box, config_.max_range_m);
   const auto num_cells = static_cast<std::size_t>(lattice_.width) * static_cast<std::size_t>(lattice_.height);
   top_m_.assign(num_cells, std::numeric_limits<float>::quiet_NaN());
   for (const Eigen::Vector3d& p_map : surface.points_map) {

@@ -29,14 +29,13 @@ std::vector<SegmentUncertainty> segmentUncertainty(const SceneModel& scene, cons
   for (const Segment& segment : segments) {
     const std::size_t count = segment.samples_map.size();
     if (count == 0) {  // nothing is known along nothing
-      result.push_back({scene.priorUncertainty(), 0.0, 1.0});
+      result.push_back({scene.priorUncertainty(), 0.0});
       continue;
     }
     SegmentUncertainty sum;
     for (std::size_t i = 0; i < count; ++i, ++column) {
       if (!std::isfinite(field.value[column])) {
         sum.mean += scene.priorUncertainty();
-        sum.share_without_answer += 1.0;
         continue;
       }
       sum.mean += field.value[column];
@@ -44,7 +43,7 @@ std::vector<SegmentUncertainty> segmentUncertainty(const SceneModel& scene, cons
       if (std::isfinite(along)) sum.frontier += along * along;
     }
     const auto n = static_cast<double>(count);
-    result.push_back({sum.mean / n, sum.frontier / n, sum.share_without_answer / n});
+    result.push_back({sum.mean / n, sum.frontier / n});
   }
   return result;
 }

@@ -100,12 +100,14 @@ TEST(GroundFrontier, SeesWhatIsInTheFieldOfView) {
 }
 
 TEST(GroundFrontier, SeesNothingBehindAWall) {
-  BoxPile wall;
-  wall.add({0.0, 0.0}, {0.1, 4.4, 2.0});
-  const auto isNear = [](const Eigen::Vector2d& p) { return p.x() < 0.05; };
-  const Pose2d before{-1.0, 0.0, 0.0};
-  EXPECT_EQ(sumOf(frontierOf(groundWhere(isNear, wall)).areasSeenFrom(before)), 0.0);
-  EXPECT_GT(sumOf(frontierOf(groundWhere(isNear)).areasSeenFrom(before)), 1.0) << "without the wall";
+  for (const double x_m : {0.0, -2.3}) {  // in the workspace, and before it
+    BoxPile wall;
+    wall.add({x_m, 0.0}, {0.1, 4.4, 2.0});
+    const auto isNear = [x_m](const Eigen::Vector2d& p) { return p.x() < x_m + 0.05; };
+    const Pose2d before{x_m - 1.0, 0.0, 0.0};
+    EXPECT_EQ(sumOf(frontierOf(groundWhere(isNear, wall)).areasSeenFrom(before)), 0.0) << x_m;
+    EXPECT_GT(sumOf(frontierOf(groundWhere(isNear)).areasSeenFrom(before)), 1.0) << x_m << " without the wall";
+  }
 }
 
 TEST(GroundFrontier, FullAreaCountsAsAFrontierOfNineTenths) {

@@ -61,7 +61,6 @@ TEST(SegmentUncertainty, OfALinearFieldIsItsMiddleAndItsSlopeAlongTheSegment) {
   for (std::size_t i = 0; i < segments.size(); ++i) {
     EXPECT_NEAR(uncertainty[i].mean, 0.4 + slope.dot(segments[i].midpoint_map), 1e-12);
     EXPECT_NEAR(uncertainty[i].frontier, std::pow(slope.dot(segments[i].direction_map), 2), 1e-12);
-    EXPECT_EQ(uncertainty[i].share_without_answer, 0.0);
   }
 }
 
@@ -115,14 +114,12 @@ TEST(SegmentUncertainty, SampleWithoutAnswerCountsAsThePriorAndHasNoSlope) {
   const SegmentUncertainty uncertainty = segmentUncertainty(scene, {straight({0, 0, 0}, {1, 0, 0}, 0.4, 5)})[0];
   EXPECT_NEAR(uncertainty.mean, (0.3 + 0.35 + 0.4 + 3.0 + 3.0) / 5.0, 1e-12);
   EXPECT_NEAR(uncertainty.frontier, 3.0 * 0.25 / 5.0, 1e-12);
-  EXPECT_NEAR(uncertainty.share_without_answer, 0.4, 1e-12);
   // A value without a gradient is an answer.
   scene.value = linear;
   scene.gradient = [](const Eigen::Vector3d& p) { return Eigen::Vector3d::Constant(p.x() > 0.05 ? kNaN : 0.5); };
   const SegmentUncertainty without_gradient = segmentUncertainty(scene, {straight({0, 0, 0}, {1, 0, 0}, 0.4, 5)})[0];
   EXPECT_NEAR(without_gradient.mean, 0.4, 1e-12);
   EXPECT_NEAR(without_gradient.frontier, 3.0 * 0.25 / 5.0, 1e-12);
-  EXPECT_EQ(without_gradient.share_without_answer, 0.0);
 }
 
 TEST(SegmentUncertainty, SegmentWithoutSamplesIsUnknown) {
@@ -132,7 +129,6 @@ TEST(SegmentUncertainty, SegmentWithoutSamplesIsUnknown) {
       segmentUncertainty(scene, {Segment(), straight({0, 0, 0}, {1, 0, 0}, 0.4, 5)});
   EXPECT_EQ(uncertainty[0].mean, 3.0);
   EXPECT_EQ(uncertainty[0].frontier, 0.0);
-  EXPECT_EQ(uncertainty[0].share_without_answer, 1.0);
   EXPECT_NEAR(uncertainty[1].mean, 0.4, 1e-12);
 }
 
@@ -195,7 +191,7 @@ std::vector<SegmentKind> kindsOf(const std::vector<std::vector<double>>& outline
     for (const double mean : outlines[outline]) {
       segments.emplace_back();
       segments.back().outline = static_cast<int>(outline);
-      uncertainty.push_back({mean, 0.0, 0.0});
+      uncertainty.push_back({mean, 0.0});
     }
   }
   return classify(segments, uncertainty, 1.0, imaginary_share);
@@ -231,7 +227,7 @@ TEST(Classify, ImaginaryIsAboveTheShareOfThePriorOrNoNumber) {
   EXPECT_THAT(kindsOf({{0.8, 0.6, 0, 0}}, 0.7), ElementsAre(kImaginary, kFrontier, kReal, kFrontier));
   EXPECT_THAT(kindsOf({{kNaN, 0, 0, 0}}), ElementsAre(kImaginary, kFrontier, kReal, kFrontier));
   const std::vector<Segment> one(1);
-  EXPECT_THAT(classify(one, {{5.0, 0.0, 0.0}}, 20.0, 0.5), ElementsAre(kReal));
+  EXPECT_THAT(classify(one, {{5.0, 0.0}}, 20.0, 0.5), ElementsAre(kReal));
 }
 
 TEST(Classify, RefusesWhatDoesNotFit) {
