@@ -36,8 +36,6 @@ class MapClient {
     std::uint64_t updates{0};  // of the map
     std::uint64_t questions{0};
     std::uint64_t answers{0};
-    bool is_asking{false};
-    ros::WallTime last_answer;  // zero: none yet
     ros::WallTime asked_since;  // first question since the last answer; zero: none is open
     std::string last_failure;   // empty since the last answer
   };

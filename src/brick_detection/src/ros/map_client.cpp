@@ -75,15 +75,12 @@ void MapClient::work() {
         return;
       }
       has_news_ = false;
-      counters_.is_asking = true;
     }
     try {
       ask();
     } catch (const std::exception& error) {
       fail(error.what());
     }
-    const std::lock_guard<std::mutex> lock(mutex_);
-    counters_.is_asking = false;
   }
 }
 
@@ -158,7 +155,6 @@ void MapClient::ask() {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (is_stopping_) return;
     ++counters_.answers;
-    counters_.last_answer = ros::WallTime::now();
     counters_.asked_since = ros::WallTime();
     counters_.last_failure.clear();
   }

@@ -41,6 +41,7 @@ struct OctomapConfig {
       f("threshold", c.threshold, 0.01, 0.99, "", "occupied from here on");
       f.require(c.clamp_min < c.threshold && c.threshold < c.clamp_max,
                 "threshold must be between occupancy/clamp_min and occupancy/clamp_max");
+      f.require(c.prob_miss < c.threshold, "threshold must be above occupancy/prob_miss");
     }
   } occupancy;
 

@@ -34,6 +34,7 @@ TEST(OctomapConfig, NoisePresetStandsForItsCoefficients) {
 
 TEST(OctomapConfig, RefusesValuesThatContradictEachOther) {
   EXPECT_THAT(refusalOf("occupancy: {threshold: 0.98}"), HasSubstr("between occupancy/clamp_min"));
+  EXPECT_THAT(refusalOf("occupancy: {threshold: 0.3}"), HasSubstr("above occupancy/prob_miss"));
   EXPECT_THAT(refusalOf("region: {min_m: [0, 0, 0], max_m: [1, 0, 1]}"), HasSubstr("region/min_m must be below"));
   EXPECT_THAT(refusalOf("sensor: {min_range_m: 5}"), HasSubstr("sensor/min_range_m must be below"));
   EXPECT_THAT(refusalOf("resolution_m: .nan"), HasSubstr("resolution_m = nan m"));
