@@ -147,7 +147,7 @@ struct WorkspaceConfig {
   std::vector<double> y_m{-2.5, -2.5, 2.5, 2.5};
 
   static void fields(WorkspaceConfig& c, interactive_mapping::Fields& f) {
-    f("frame", c.frame, kWorkspaceFrameNames, "of the corners: map, or start, the robot's pose at the start");
+    f("frame", c.frame, kWorkspaceFrameNames, "of the corners: map, or start, the robot's pose at the first start");
     f("x_m", c.x_m, -kFarthest_m, kFarthest_m, "m", "x of the corners of the polygon; none: no ground is explored");
     f("y_m", c.y_m, -kFarthest_m, kFarthest_m, "m", "y, as many");
     const bool is_paired = c.x_m.size() == c.y_m.size();

@@ -199,7 +199,9 @@ struct Start {
   Pose2d T_map_base;
   Hand hand{Hand::kUnknown};
   std::optional<int> brick_in_hand;
-  int places_used{0};  // in the container, by an earlier mission
+  // Of an earlier mission of this node: places used in the container, and what workspace, survey and depot are relative to.
+  int places_used{0};
+  std::optional<Pose2d> start_pose;
 };
 /// PlanArm, PlanPick: PlanResult. MoveArm, Pick, LetGo, Recover: ArmResult. The others as their names say. Any: NoAnswer.
 struct Reply {

@@ -98,6 +98,7 @@ enum class Guard {
   kChoiceDue,     // a view is to be selected before the next pick
   kBrickHere,     // one to be tried from here
   kStays,         // the selected view is where the robot stands
+  kStaysToWait,   // ... where there is none to be tried until the brick that is carried away is stowed
   kViewsSpent,    // too many views in a row without a pick or a new brick
   kMayRecover,    // not too often in a row; no protective stop, or the configuration lets the program unlock it
   kKeepsAway,     // the selection excludes poses near bricks tried without success
@@ -136,6 +137,7 @@ inline constexpr interactive_mapping::Names<Guard> kGuardNames = {
     {"a pick or a failure since the last selection", Guard::kChoiceDue},
     {"brick to be tried from here", Guard::kBrickHere},
     {"best where the robot stands", Guard::kStays},
+    {"best where the robot stands, no brick to be tried from here, one is being carried away", Guard::kStaysToWait},
     {"too many fruitless views", Guard::kViewsSpent},
     {"not recovered too often, no protective stop or may unlock it", Guard::kMayRecover},
     {"keeps away from bricks tried without success", Guard::kKeepsAway},

@@ -43,7 +43,7 @@ class ActionCaller {
     abandon();
     on_end_ = std::move(on_end);
     goal_ = goal;
-    seen_ = ros::WallTime::now();
+    seen_ = ros::SteadyTime::now();
     if (maySend()) reallySend();
   }
 
@@ -83,7 +83,7 @@ class ActionCaller {
       end.why = name_ + ": cancelled before it was sent";
       return finish(end);
     }
-    const ros::WallTime now = ros::WallTime::now();
+    const ros::SteadyTime now = ros::SteadyTime::now();
     const bool is_connected = isConnected();
     if (!is_sent_ && maySend()) reallySend();
     // A server that was restarted may not know the goal: actionlib reports that of running goals only.
@@ -102,14 +102,14 @@ class ActionCaller {
 
   bool maySend() {
     reallyCancelAll();
-    return isConnected() && !is_cancel_all_wanted_ && (ros::WallTime::now() - cancelled_all_).toSec() > kOvertaking_s;
+    return isConnected() && !is_cancel_all_wanted_ && (ros::SteadyTime::now() - cancelled_all_).toSec() > kOvertaking_s;
   }
 
   void reallyCancelAll() {
     if (!is_cancel_all_wanted_ || !isConnected()) return;
     client_.cancelAllGoals();
     is_cancel_all_wanted_ = false;
-    cancelled_all_ = ros::WallTime::now();
+    cancelled_all_ = ros::SteadyTime::now();
   }
 
   /// A server that has been away may still be at it.
@@ -127,7 +127,7 @@ class ActionCaller {
 
   void reallySend() {
     is_sent_ = true;
-    seen_ = ros::WallTime::now();
+    seen_ = ros::SteadyTime::now();
     const std::uint64_t number = number_;
     handle_ = client_.sendGoal(goal_, [this, number](typename Client::GoalHandle handle) {
       if (number != number_ || !isActive()) return;  // of a goal that was given up
@@ -160,9 +160,9 @@ class ActionCaller {
   bool is_sent_{false};
   bool is_cancel_wanted_{false};
   bool is_cancel_all_wanted_{false};
-  ros::WallTime cancelled_all_;
+  ros::SteadyTime cancelled_all_;
   std::uint64_t number_{0};  // of the goal
-  ros::WallTime seen_;       // when the server was last there and at the goal
+  ros::SteadyTime seen_;     // when the server was last there and at the goal
   Client client_;
   typename Client::GoalHandle handle_, abandoned_;  // after the client: they go before it
 };

@@ -96,19 +96,19 @@ class MissionActions {
     pick_mission::ArmStatus status;
     std::string message;
     ros::Time stamp;
-    ros::WallTime since;
+    ros::SteadyTime since;
     bool lets_go;
     bool is_lost_over_robot;
   };
   struct PendingDetection {  // until the list of all bricks has come
     interactive_mapping_msgs::DetectBricks::Response response;
-    ros::WallTime since;
+    ros::SteadyTime since;
   };
   struct PendingDrive {  // until the navigation has reported its outcome
     bool is_succeeded;
     bool is_cancelled;
     std::string why;
-    ros::WallTime since;
+    ros::SteadyTime since;
   };
   struct LookWork {
     int images;

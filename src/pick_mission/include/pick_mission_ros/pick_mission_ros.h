@@ -99,7 +99,7 @@ class PickMissionRos {
 
   pick_mission::ClockSteps clock_steps_;
   ros::Time ticked_;
-  ros::WallTime watched_, published_, asked_;
+  ros::SteadyTime watched_, published_, asked_;
   std::atomic<double> alive_s_{0.0};  // steady time of the last spinOnce()
   std::atomic<bool> is_hold_lost_{false};
   std::atomic<bool> may_heart_beat_{false};

@@ -76,7 +76,7 @@ class ServiceCaller {
 
   void call(const typename Service::Request& request, ros::WallDuration timeout, OnEnd on_end) {
     on_end_ = std::move(on_end);
-    deadline_ = ros::WallTime::now() + timeout;
+    deadline_ = ros::SteadyTime::now() + timeout;
     timeout_ = timeout;
     const std::uint64_t number = ++*number_;
     inbox_->open();
@@ -107,7 +107,7 @@ class ServiceCaller {
   }
 
   void watch() {
-    if (!isActive() || ros::WallTime::now() < deadline_) return;
+    if (!isActive() || ros::SteadyTime::now() < deadline_) return;
     ++*number_;
     finish(nullptr, "the service " + name() + " has not answered within " + std::to_string(timeout_.toSec()) +
                         " s of wall time");
@@ -128,7 +128,7 @@ class ServiceCaller {
   std::shared_ptr<Inbox> inbox_;
   std::shared_ptr<std::uint64_t> number_{std::make_shared<std::uint64_t>(0)};  // of the call; the mission's thread only
   OnEnd on_end_;
-  ros::WallTime deadline_;
+  ros::SteadyTime deadline_;
   ros::WallDuration timeout_;
 };
 

@@ -101,6 +101,8 @@ bool holds(Guard guard, const Mission& mission) {
       return config.views.choose_after_each_pick && !mission.is_place_chosen;
     case Guard::kStays:
       return mission.selection.stays;
+    case Guard::kStaysToWait:
+      return mission.selection.stays && mission.carrying && !holds(Guard::kBrickHere, mission);
     case Guard::kBrickHere:
       return mission.pick_failures_here < config.attempts.max_pick_failures_per_view &&
              mission.plan_failures_here < config.attempts.max_plan_failures_per_view && memory.nextBrick().has_value();

@@ -122,7 +122,7 @@ void MissionMachine::Impl::on(const event::Start& start) {
   if (mission_.state != State::kIdle) return note("start", "ignored: it has begun");
   Memory& memory = mission_.memory;
   memory.base = start.T_map_base;
-  if (!memory.start_pose) memory.start_pose = start.T_map_base;
+  if (!memory.start_pose) memory.start_pose = start.start_pose.value_or(start.T_map_base);
   memory.places_used = std::max(memory.places_used, start.places_used);
   if (start.brick_in_hand) memory.brick_in_hand = start.brick_in_hand;
   setHand(start.hand, mission_);
@@ -405,6 +405,10 @@ MissionCounts MissionMachine::counts() const {
 
 int MissionMachine::placesUsed() const {
   return impl_->mission().memory.places_used;
+}
+
+std::optional<Pose2d> MissionMachine::startPose() const {
+  return impl_->mission().memory.start_pose;
 }
 
 bool MissionMachine::isPauseWanted() const {

@@ -88,6 +88,7 @@ std::vector<Transition> makeTransitions() {
       {S::kLetGo, T::kDone, G::kAlways, S::kBegin},
       {S::kLetGo, T::kLetGoAgain, G::kAlways, S::kLetGo},
       // The next view.
+      {S::kSelect, T::kDone, G::kStaysToWait, S::kPick, E::kAwaitPick},
       {S::kSelect, T::kDone, G::kStays, S::kChoose, E::kStayHere},
       {S::kSelect, T::kDone, G::kAlways, S::kDrive, E::kGoToView},
       {S::kSelect, T::kVantage, G::kBrickHere, S::kPlanPick},

@@ -275,7 +275,7 @@ void MissionActions::watch() {
             is_lost ? "still not known where the robot is" : "", hand());
     }
   }
-  const ros::WallTime wall = ros::WallTime::now();
+  const ros::SteadyTime wall = ros::SteadyTime::now();
   if (pending_arm_ && (wall - pending_arm_->since).toSec() > kFollowUp_s) {
     // The bridge has fallen silent: what hangs on the magnet is not known.
     const PendingArm arm = *pending_arm_;
@@ -371,7 +371,7 @@ void MissionActions::sendArm(ActionCaller<Action>* caller, const typename Action
         outcome.stage == "payload" || outcome.stage == "lift";  // the stages of a pick before "stow"
     arm.is_lost_over_robot = arm.status == ArmStatus::kLostOnTheWay && !is_at_pile;
     arm.stamp = outcome.header.stamp;
-    arm.since = ros::WallTime::now();
+    arm.since = ros::SteadyTime::now();
     arm.lets_go = lets_go;
     pending_arm_ = arm;
     finishArm();
@@ -444,7 +444,7 @@ void MissionActions::begin(const command::Detect& detect) {
   detect_.call(request, ros::WallDuration(params_.servers.detect_stall_s),
                [this](const interactive_mapping_msgs::DetectBricks* service, const std::string& why) {
                  if (service == nullptr) return noAnswer(why);
-                 pending_detection_ = PendingDetection{service->response, ros::WallTime::now()};
+                 pending_detection_ = PendingDetection{service->response, ros::SteadyTime::now()};
                  finishDetection();
                });
 }
@@ -544,7 +544,7 @@ void MissionActions::begin(const command::Drive& drive) {
   goal.target_pose.pose = interactive_mapping_ros::toPose(drive.T_map_base);
   drive_.send(goal, [this](const ActionCaller<move_base_msgs::MoveBaseAction>::End& end) {
     if (!end.result) return noAnswer(end.why);
-    pending_drive_ = PendingDrive{end.is_succeeded, end.is_cancelled, end.why, ros::WallTime::now()};
+    pending_drive_ = PendingDrive{end.is_succeeded, end.is_cancelled, end.why, ros::SteadyTime::now()};
     if (drive_outcome_) finishDrive(&*drive_outcome_);
   });
 }

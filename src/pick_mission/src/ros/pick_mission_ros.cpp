@@ -162,7 +162,7 @@ void PickMissionRos::spinOnce() {
 }
 
 void PickMissionRos::tick() {
-  const ros::WallTime wall = ros::WallTime::now();
+  const ros::SteadyTime wall = ros::SteadyTime::now();
   if ((wall - watched_).toSec() >= kWatchPeriod_s) {
     watched_ = wall;
     actions_->watch();
@@ -356,7 +356,7 @@ std::optional<int> PickMissionRos::currentBrick() const {
 }
 
 void PickMissionRos::publishState() {
-  published_ = ros::WallTime::now();
+  published_ = ros::SteadyTime::now();
   MissionState state = toMessage(*machine_, currentBrick());
   state.header.stamp = ros::Time::now();
   state.header.frame_id = params_.map_frame;
@@ -378,8 +378,8 @@ void PickMissionRos::stop(ros::WallDuration timeout) {
   is_stopping_ = true;
   keep();
   actions_->cancel();
-  const ros::WallTime deadline = ros::WallTime::now() + timeout;
-  while (!actions_->isIdle() && ros::WallTime::now() < deadline) spinOnce();
+  const ros::SteadyTime deadline = ros::SteadyTime::now() + timeout;
+  while (!actions_->isIdle() && ros::SteadyTime::now() < deadline) spinOnce();
   if (!actions_->isIdle()) {
     ROS_WARN_NAMED(kLog, "the running action did not end in time: without a heartbeat the arm stops");
   }
@@ -395,6 +395,7 @@ std::string PickMissionRos::start() {
   try {
     event::Start begin = actions_->start();
     begin.places_used = machine_->placesUsed();
+    begin.start_pose = machine_->startPose();
     if (machine_->state() == State::kEnded) makeAnother();
     if (!started_) started_ = ros::SteadyTime::now();
     waits_for_.clear();

@@ -145,6 +145,24 @@ TEST(MissionMachine, TheNextMissionKnowsWhatIsInTheContainer) {
   EXPECT_EQ(run.sent<command::PlanPick>().at(0).place, "container_place_3");
 }
 
+// The first one has ended at the depot, or beside the pile: the workspace is where it was.
+TEST(MissionMachine, TheNextMissionHasTheStartOfTheFirst) {
+  ToyMission first(surveying(), ToyWorld::ofStacks({1}));
+  first.start();
+  ASSERT_TRUE(first.toEnd());
+  ToyMission next(surveying(), ToyWorld::ofStacks({1}));
+  event::Start start;
+  start.T_map_base = {3.0, 1.0, M_PI};
+  start.hand = Hand::kEmpty;
+  start.start_pose = first.machine.startPose();
+  next.tell(start);
+  ASSERT_TRUE(next.toEnd());
+  const auto drives = first.sent<command::Drive>(), next_drives = next.sent<command::Drive>();
+  ASSERT_FALSE(drives.empty());
+  EXPECT_EQ(next_drives.at(0).T_map_base.position(), drives.at(0).T_map_base.position());
+  EXPECT_EQ(next_drives.back().T_map_base.position(), drives.back().T_map_base.position()) << "the depot";
+}
+
 TEST(MissionMachine, ChoosesAgainAfterEachPickOnlyIfConfigured) {
   for (const bool each : {true, false}) {
     MissionConfig config = surveying();
@@ -1109,6 +1127,21 @@ TEST(LookingAhead, APickThatFailsThenMakesItWorthless) {
       EXPECT_GE(run.world.commands_of[State::kPlanPick], plans + 1);
     }
   }
+}
+
+TEST(LookingAhead, SelectsOnceWhereItIsBestToStayWithoutABrick) {
+  MissionConfig config = lookingAhead();
+  config.views.choose_after_each_pick = true;
+  ToyMission run(config, ToyWorld::ofStacks({1, 1}));
+  ASSERT_TRUE(toLookAhead(run));
+  run.world.carried_until_s = run.now_s + 20.0;
+  SelectionResult here;
+  here.T_map_base = viewPose(0);
+  here.stays = true;
+  run.inject = endAs(State::kSelect, here);
+  const int before = run.world.commands_of[State::kSelect];
+  while (run.world.carrying) ASSERT_TRUE(run.advance());
+  EXPECT_EQ(run.world.commands_of[State::kSelect], before + 1) << tail(run);
 }
 
 TEST(LookingAhead, WithoutAViewItIsDecidedWhenTheBrickIsStowed) {
