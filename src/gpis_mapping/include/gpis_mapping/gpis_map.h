@@ -221,7 +221,7 @@ class GpisMap {
   void judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vector<CellUpdate>* jobs);
   /// Doubtful points lie within a few pixels of a depth edge, where one image cannot decide. The face they belong to
   /// can: a point goes when more of its face was removed lately than is confirmed by this frame.
-  void decideDoubtful(const Frame& frame, std::vector<CellUpdate>* jobs);
+  void decideDoubtful(std::vector<CellUpdate>* jobs);
   /// Of points that lie nearer than insertion would have let them, the less known one goes. Such points come from
   /// objects that come and go. A point measured at the foot of an object is fused with the ground below it.
   void thinOut(const std::vector<CellUpdate>& jobs);

@@ -9,7 +9,6 @@
 #include <set>
 #include <sstream>
 #include <stdexcept>
-#include <unordered_set>
 
 #include <interactive_mapping_common/geometry/rigid_motion.h>
 #include <interactive_mapping_common/stopwatch.h>
@@ -525,7 +524,7 @@ void GpisMap::fuseAndDelete(const Frame& frame, ClassifiedFrame* pixels, UpdateS
 
   rememberRemoved(jobs);
   judgeHoles(frame, pixels, &jobs);
-  decideDoubtful(frame, &jobs);
+  decideDoubtful(&jobs);
   for (CellUpdate& job : jobs) {
     std::sort(job.gone.begin(), job.gone.end());
     std::vector<Cell::Entry>& entries = job.cell->entries;
@@ -607,7 +606,7 @@ void GpisMap::judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vecto
   };
   // Where a surface has vanished in a hole, the hole is a look past it.
   const float wall = static_cast<float>(1.0 / config_.frame_map.wall_range_m);
-  std::unordered_set<std::size_t> looked_past;
+  std::vector<bool> looked_past(pixels->kind.size(), false);
   for (std::size_t i = 0; i < hidden.size(); ++i) {
     auto& [job, index] = owners[i];
     SurfacePoint& point = job->cell->entries[index].point;
@@ -622,18 +621,18 @@ void GpisMap::judgeHoles(const Frame& frame, ClassifiedFrame* pixels, std::vecto
         const std::size_t pixel = pixels->index(u, v);
         if (pixels->kind[pixel] != PixelKind::kHole) continue;
         pixels->clear_to[pixel] = wall;
-        looked_past.insert(pixel);
+        looked_past[pixel] = true;
       }
     }
   }
   for (std::size_t i = 0; i < hidden.size(); ++i) {
     if (is_gone[i]) continue;
     const Eigen::Vector2i at = *frame.pixelOf(hidden[i].position_map);
-    if (looked_past.count(pixels->index(at.x(), at.y())) > 0 && frame.isInReach(hidden[i].position_map)) remove(i);
+    if (looked_past[pixels->index(at.x(), at.y())] && frame.isInReach(hidden[i].position_map)) remove(i);
   }
 }
 
-void GpisMap::decideDoubtful(const Frame& frame, std::vector<CellUpdate>* jobs) {
+void GpisMap::decideDoubtful(std::vector<CellUpdate>* jobs) {
   const double reach = kFateSpacings * config_.surface.spacing_m;
   for (CellUpdate& job : *jobs) {
     if (recently_removed_.empty()) break;

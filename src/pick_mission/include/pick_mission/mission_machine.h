@@ -50,10 +50,10 @@ class MissionMachine {
   const std::string& endMessage() const;
   const BrickLedger& bricks() const;
   MissionCounts counts() const;
-  int placesUsed() const;  // in the container
-  std::optional<Pose2d> startPose() const;
-  bool isPauseWanted() const;  // it pauses when the running action has ended
-  double usedTime() const;     // [s], without pauses
+  int placesUsed() const;                   // in the container
+  std::optional<Pose2d> startPose() const;  // in the map: what workspace, survey and depot are relative to
+  bool isPauseWanted() const;               // it pauses when the running action has ended
+  double usedTime() const;                  // [s], without pauses
   MissionSummary summary(double wall_s) const;
 
   /// To be saved after each step that changed the state.
