@@ -87,7 +87,7 @@ class CameraCalibrator {
 
   tf2_ros::Buffer tf_buffer_;
   boost::signals2::connection tf_connection_;
-  tf2_ros::TransformListener tf_listener_;
+  std::optional<tf2_ros::TransformListener> tf_listener_;
   image_transport::ImageTransport transport_;
   image_transport::Subscriber image_subscriber_, depth_subscriber_;
   ros::Subscriber info_subscriber_;

@@ -71,11 +71,7 @@ std::optional<cv::Mat> registeredDepth(const sensor_msgs::Image& depth, const se
 
 CameraCalibrator::CameraCalibrator(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
                                    const CameraCalibratorParams& params)
-    : params_(params),
-      finder_(makeFinder(params)),
-      session_(params.session),
-      tf_listener_(tf_buffer_, nh),
-      transport_(nh) {
+    : params_(params), finder_(makeFinder(params)), session_(params.session), transport_(nh) {
   tf_connection_ = tf_buffer_._addTransformsChangedListener([this] {
     const std::lock_guard<std::mutex> lock(inputs_mutex_);
     tf_changed_.notify_all();
@@ -95,6 +91,8 @@ CameraCalibrator::CameraCalibrator(const ros::NodeHandle& nh, const ros::NodeHan
   if (params_.use_depth) {
     depth_subscriber_ = transport_.subscribe("depth/image_rect", 2, &CameraCalibrator::onDepth, this);
   }
+  // After image_transport's plugins: dlopen() and a first warning of tf2 would wait for each other's locks.
+  tf_listener_.emplace(tf_buffer_, nh);
   if (params_.is_auto) {
     timer_ = private_handle.createWallTimer(ros::WallDuration(kTimer_s), &CameraCalibrator::onTimer, this);
   }

@@ -66,11 +66,15 @@ class CameraPoseSource {
     kRestarted,  // left out, too: time ran back, and what was known of tf is forgotten; the next image is taken in
   };
 
-  /// Listens to tf. Throws std::invalid_argument for impossible parameters.
+  /// Throws std::invalid_argument for impossible parameters.
   CameraPoseSource(const ros::NodeHandle& nh, const CameraPoseParams& params);
   ~CameraPoseSource();
   CameraPoseSource(const CameraPoseSource&) = delete;
   CameraPoseSource& operator=(const CameraPoseSource&) = delete;
+
+  /// Listens to tf from now on. After image_transport's plugins are loaded: dlopen() and a first warning of tf2 would
+  /// wait for each other's locks.
+  void listen();
 
   /// Of the next image. Stamps must rise, and be of now.
   StampVerdict checkStamp(const ros::Time& stamp, Refusal* refusal);
@@ -115,8 +119,9 @@ class CameraPoseSource {
   depth_camera::StampGuard stamps_;
   bool has_restarted_{false};  // time ran back, and tf has not answered since
 
+  const ros::NodeHandle nh_;
   tf2_ros::Buffer buffer_;
-  tf2_ros::TransformListener listener_;
+  std::optional<tf2_ros::TransformListener> listener_;
   boost::signals2::connection connection_;
 };
 

@@ -19,8 +19,8 @@ namespace depth_camera_ros {
 
 /// The shared part of inputs of images: a thread that works on the newest image. It waits for the camera info and the
 /// camera's pose. An image that comes meanwhile replaces the one that waits. Callbacks of subscriptions only store what
-/// they get; they may run in any callback queue. A derived class calls start() when all that process() uses exists, and
-/// stop() first in its destructor.
+/// they get; they may run in any callback queue. A derived class calls start() when it has subscribed and all that
+/// process() uses exists, and stop() first in its destructor.
 template <typename Job>
 class ImageWorker {
  public:
@@ -42,6 +42,7 @@ class ImageWorker {
   virtual void process(const Job& job) = 0;
 
   void start() {
+    pose_source_.listen();
     worker_ = std::thread([this] { work(); });
   }
 

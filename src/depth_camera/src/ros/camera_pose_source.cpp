@@ -19,12 +19,16 @@ using interactive_mapping::formatted;
 CameraPoseSource::CameraPoseSource(const ros::NodeHandle& nh, const CameraPoseParams& params)
     : params_(interactive_mapping::requireValid("impossible parameters of the camera's pose:", params)),
       guard_(params.pose_limits),
-      listener_(buffer_, nh, true, ros::TransportHints().tcpNoDelay()) {
+      nh_(nh) {
   connection_ = buffer_._addTransformsChangedListener([this] {
     const std::lock_guard<std::mutex> lock(mutex_);
     ++num_tf_messages_;
     changed_.notify_all();
   });
+}
+
+void CameraPoseSource::listen() {
+  listener_.emplace(buffer_, nh_, true, ros::TransportHints().tcpNoDelay());
 }
 
 CameraPoseSource::~CameraPoseSource() {

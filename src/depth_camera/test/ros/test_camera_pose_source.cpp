@@ -36,6 +36,7 @@ TEST(CameraPoseSource, GivesThePoseAtTheStampPlusTheTimeOffset) {
     params.time_offset_s = offset_s;
     params.tf_timeout_s = 0.2;
     CameraPoseSource source(ros::NodeHandle(), params);
+    source.listen();
     tf2_ros::TransformBroadcaster tf;
     const ros::Time stamp = ros::Time::now();
     ASSERT_TRUE(node_tests::waitUntil([&] {

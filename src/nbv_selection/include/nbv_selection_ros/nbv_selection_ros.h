@@ -77,7 +77,7 @@ class NbvSelectionRos {
   const NbvSelectionParams params_;
   nbv_selection::RobotBody robot_;
   tf2_ros::Buffer tf_;
-  tf2_ros::TransformListener tf_listener_;
+  std::optional<tf2_ros::TransformListener> tf_listener_;
   pluginlib::ClassLoader<Strategy> loader_;
   std::vector<Loaded> strategies_;
   SelectionMarkers markers_;

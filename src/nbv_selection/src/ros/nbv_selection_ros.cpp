@@ -72,7 +72,6 @@ geometry_msgs::Pose poseOfNan() {
 NbvSelectionRos::NbvSelectionRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh)
     : params_(loadNbvSelectionParams(private_nh)),
       robot_(bodyFrom(nh, params_)),
-      tf_listener_(tf_, true, ros::TransportHints().tcpNoDelay()),
       loader_("nbv_selection", "nbv_selection_ros::Strategy"),
       markers_(private_nh),
       ground_(params_.map_frame, params_.input.occupied_from),
@@ -108,6 +107,8 @@ NbvSelectionRos::NbvSelectionRos(const ros::NodeHandle& nh, const ros::NodeHandl
     ROS_INFO_STREAM_NAMED(kLog, "strategy " << name << ":\n" << loaded.strategy->configuration());
     strategies_.push_back(std::move(loaded));
   }
+  // After the plugins: dlopen() and a first warning of tf2 would wait for each other's locks.
+  tf_listener_.emplace(tf_, true, ros::TransportHints().tcpNoDelay());
 
   ros::NodeHandle handle(nh);
   ros::NodeHandle private_handle(private_nh);

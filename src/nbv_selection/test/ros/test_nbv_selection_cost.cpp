@@ -80,9 +80,13 @@ TEST_F(NbvSelectionCost, FailuresOfBeforeTheClockRanBackAreForgotten) {
   failure.request.pose.header.frame_id = "map";
   ASSERT_TRUE(node_tests::call("/nbv_selection/report_failure", failure));
   EXPECT_TRUE(failure.response.success) << failure.response.message;
-  setClock(start_s_ - 5.0);
-  send();
-  ASSERT_TRUE(waitUntil([this] { return isDone(); }));
+  const ros::Time before_any_goal(5.0);
+  setClock(before_any_goal.toSec());
+  ASSERT_TRUE(waitUntil([&] {  // a goal may arrive before the clock's message does
+    send();
+    waitUntil([this] { return isDone(); });
+    return client_->action.getResult()->selection.header.stamp == before_any_goal;
+  }));
   std_srvs::Trigger forget;
   ASSERT_TRUE(node_tests::call("/nbv_selection/forget_failures", forget));
   EXPECT_EQ(forget.response.message, "0 failures forgotten");

@@ -116,7 +116,7 @@ class UrDriverBridgeRos {
 
   ros::NodeHandle nh_;
   tf2_ros::Buffer tf_;
-  tf2_ros::TransformListener tf_listener_;
+  std::optional<tf2_ros::TransformListener> tf_listener_;
   std::string watch_service_;
 
   AttachedMemory attached_memory_;

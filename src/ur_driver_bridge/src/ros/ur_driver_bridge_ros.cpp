@@ -106,7 +106,6 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
       model_(modelFrom(nh, params_)),
       executor_(params_.executor, model_),
       nh_(nh),
-      tf_listener_(tf_, true, ros::TransportHints().tcpNoDelay()),
       watch_service_(nh_.resolveName("planner/watch")),
       attached_memory_(private_nh),
       attached_before_(attached_memory_.recall()),
@@ -118,6 +117,8 @@ UrDriverBridgeRos::UrDriverBridgeRos(const ros::NodeHandle& nh, const ros::NodeH
   outcome_publisher_ = handle.advertise<ArmOutcome>("outcome", 10, true);
   attached_publisher_ = nh_.advertise<AttachedBrick>("attached_brick", 1, true);
   startGripper(ros::NodeHandle(private_nh, "gripper/own"));
+  // After the plugin: dlopen() and a first warning of tf2 would wait for each other's locks.
+  tf_listener_.emplace(tf_, true, ros::TransportHints().tcpNoDelay());
   startCalls();
   subscribeAll();
   hold_server_ = handle.advertiseService("hold", &UrDriverBridgeRos::onHold, this);
