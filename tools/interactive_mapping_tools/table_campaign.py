@@ -56,7 +56,7 @@ OUR_SCENES = {"one_heap": "paper", "tipped_20": "paper", "decoys": "paper_near"}
 FACTOR_PLACES = (("one_heap", "paper"), ("decoys", "paper_near"), ("one_heap", "shipped"))
 # Which sign of a difference is better.
 BETTER = {"bricks": 1, "map_coverage": 1, "map_precision": 1, "falls": -1, "drops": -1, "collisions": -1,
-          "load_contacts": -1, "disturbance_m": -1, "fruitless_views": -1, "guard_stops": -1, "seconds_to_50": -1}
+          "load_contacts": -1, "disturbance_m": -1, "guard_stops": -1, "seconds_to_50": -1}
 BROKEN = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, csv.Error)
 NUM_RESAMPLES = 10000
 MAX_EXACT = 16  # pairs, whose 2^16 flips take 0.4 s
@@ -162,19 +162,21 @@ def interval(values):
     return np.sort(means)[[int(0.025 * NUM_RESAMPLES) - 1, int(0.975 * NUM_RESAMPLES) - 1]]
 
 
-def p_of(differences):
-    """Of the two-sided test that flips the differences' signs: how likely chance gives as large a mean. Exact, at least
-    2 / 2^n, up to MAX_EXACT differences; of more, from as many random flips as those have. nan of fewer than two."""
+def flips_of(differences):
+    """p, in the two-sided test that flips the differences' signs, of each flip; the first is what was found. How likely
+    chance gives as large a mean: exact, at least 2 / 2^n, up to MAX_EXACT differences; of more, from as many random
+    flips as those have. nan of fewer than two differences."""
     count = len(differences)
     if count < 2:
-        return math.nan
+        return np.array([math.nan])
     if count <= MAX_EXACT:
         signs = np.array(list(itertools.product((1, -1), repeat=count)))
     else:
         signs = np.random.default_rng(1).choice((1, -1), size=(2 ** MAX_EXACT, count))
         signs[0] = 1  # what was found is one of them: never 0
     equal = 1e-12 * np.abs(differences).sum()  # sums of the same numbers in another order
-    return np.mean(np.abs(signs @ differences) >= abs(sum(differences)) - equal)
+    sums = np.abs(signs @ differences)
+    return 1.0 - np.searchsorted(np.sort(sums), sums - equal) / len(sums)
 
 
 def with_interval(values, form=".1f"):
@@ -197,7 +199,7 @@ def differences(runs, first, key):
 
 def summaries_of(rows):
     """[one per scene, cycle, variant and measure]; the differences are to `complete`, without it to the first. A time is given only if all missions
-    reached it: the mean of some of them would be that of the fast ones."""
+    reached it: the mean of some of them would be that of the fast ones. `chance`: how likely p is below SHOWN_BELOW if the variant does not differ."""
     found = []
     for scene, cycle in dict.fromkeys((row["scene"], row["cycle"]) for row in rows):
         of_scene = [row for row in rows if (row["scene"], row["cycle"]) == (scene, cycle)]
@@ -216,7 +218,8 @@ def summaries_of(rows):
                 low, high = interval(numbers) if numbers else (math.nan, math.nan)
                 entry.update({name: statistics.fmean(numbers) if numbers else math.nan, f"{name}_low": low,
                               f"{name}_high": high})
-            found.append({**entry, "pairs": len(pairs), "p": p_of(pairs)})
+            p = flips_of(pairs)
+            found.append({**entry, "pairs": len(pairs), "p": p[0], "chance": np.mean(p < SHOWN_BELOW)})
     return found
 
 
@@ -259,17 +262,21 @@ def measures_text(rows):
 
 
 def findings_text(rows):
-    """Markdown: of each variant the measures in which it is better and worse than `complete`, with p below SHOWN_BELOW."""
+    """Markdown: of each variant the measures in which it is better and worse than `complete`, with p below SHOWN_BELOW,
+    and how many of the tests would have such a p by chance."""
     lines = {}
-    for entry in summaries_of(rows):
-        if entry["measure"] in BETTER and entry["p"] < SHOWN_BELOW:
-            found = lines.setdefault((entry["scene"], entry["cycle"], entry["variant"]), {1: [], -1: []})
-            sign = int(math.copysign(1, entry["difference"])) * BETTER[entry["measure"]]
-            found[sign].append(f"{SHOWN[entry['measure']][0]} {difference_cell(entry)} (p {entry['p']:.2g}, "
-                               f"{entry['pairs']} pairs)")
-    return "".join(f"- `{scene}`, cycle `{cycle}`, `{variant}`: " + "; ".join(
+    tests = [entry for entry in summaries_of(rows) if entry["measure"] in BETTER and not math.isnan(entry["p"])]
+    shown = [entry for entry in tests if entry["p"] < SHOWN_BELOW]
+    for entry in shown:
+        found = lines.setdefault((entry["scene"], entry["cycle"], entry["variant"]), {1: [], -1: []})
+        sign = int(math.copysign(1, entry["difference"])) * BETTER[entry["measure"]]
+        found[sign].append(f"{SHOWN[entry['measure']][0]} {difference_cell(entry)} (p {entry['p']:.2g}, "
+                           f"{entry['pairs']} pairs)")
+    text = "".join(f"- `{scene}`, cycle `{cycle}`, `{variant}`: " + "; ".join(
         f"{word} in {', '.join(found[sign])}" for sign, word in ((1, "better"), (-1, "worse")) if found[sign]) + ".\n"
-                   for (scene, cycle, variant), found in lines.items()) or f"No difference has a p below {SHOWN_BELOW}.\n"
+                   for (scene, cycle, variant), found in lines.items())
+    return (f"{text}\n{len(shown)} of {len(tests)} tests have a p below {SHOWN_BELOW}. If no variant differed from "
+            f"`complete`, about {sum(entry['chance'] for entry in tests):.0f} would.\n").lstrip()
 
 
 def variants_of(rows):
@@ -296,7 +303,7 @@ def lasting_text(rows):
             bricks = differences(runs, first, "bricks_stowed")
             coverage = [100 * value for value in differences(runs, first, "map_coverage")]
             table.append((scene, cycle, variant, len(bricks), *itertools.chain.from_iterable(
-                (with_interval(values, "+.1f"), format(p_of(values), ".2g") if len(values) > 1 else "-")
+                (with_interval(values, "+.1f"), format(flips_of(values)[0], ".2g") if len(values) > 1 else "-")
                 for values in (bricks, coverage))))
     return markdown(table) + "\n" if len(table) > 1 else ""
 
