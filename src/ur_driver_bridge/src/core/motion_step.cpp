@@ -156,6 +156,7 @@ void MotionStep::watch(StepContext& context, double start_s) {
   watch_call_ = context.call(WatchCall{trajectory_, start_s, watch_phase_});
   watch_start_s_ = start_s;
   watch_asked_s_ = context.time_s;
+  watch_since_s_ = context.now_s;  // the monitor may speak of it before its answer
 }
 
 /// Takes the reply if it is there. A refusal, if it is one.

@@ -477,19 +477,22 @@ TEST(Executor, AProtectiveStopIsToldThoughTheRobotFirstTellsThatItsProgramStands
 }
 
 TEST(Executor, ASlowedArmIsWatchedAnewWhereItIsAndArrives) {
-  Mover arm;
-  arm.scaling = 0.1;
-  const auto finished = arm.run(60.0, [&] {
-    if (arm.executor.phase() != ExecutorPhase::kMoving) return;
-    const double believed_s = arm.now_s - arm.watched.start_s;
-    const double is_s = arm.executor.progress() * arm.watched.trajectory.duration();
-    // A step until it is seen, one for the call, one in which the arm goes on.
-    EXPECT_NEAR(believed_s, is_s, MotionConfig().watch_drift_s + 3.0 * FakeArm::kStep_s);
-  });
-  ASSERT_TRUE(finished);
-  EXPECT_TRUE(finished->verdict.isFine()) << finished->verdict.message;
-  EXPECT_GT(arm.count("watch"), 10);
-  expectOrderly(arm);
+  // At 0.8 a watch is older than a monitor may be silent when the next begins.
+  for (const auto& [scaling, least_watches] : {std::pair(0.1, 10), std::pair(0.8, 2)}) {
+    Mover arm;
+    arm.scaling = scaling;
+    const auto finished = arm.run(60.0, [&] {
+      if (arm.executor.phase() != ExecutorPhase::kMoving) return;
+      const double believed_s = arm.now_s - arm.watched.start_s;
+      const double is_s = arm.executor.progress() * arm.watched.trajectory.duration();
+      // A step until it is seen, one for the call, one in which the arm goes on.
+      EXPECT_NEAR(believed_s, is_s, MotionConfig().watch_drift_s + 3.0 * FakeArm::kStep_s);
+    });
+    ASSERT_TRUE(finished);
+    EXPECT_TRUE(finished->verdict.isFine()) << finished->verdict.message;
+    EXPECT_GE(arm.count("watch"), least_watches);
+    expectOrderly(arm);
+  }
 }
 
 TEST(Executor, AStopThatIsTakenLateDoesNotTurnTheArmBack) {

@@ -300,6 +300,7 @@ class FakeArm {
         watch_id_ = what.trajectory.empty() ? 0 : ++watches_;
         watch_end_s_ = what.start_s + what.trajectory.duration() + watch_over_s;
         reply.watch_id = watch_id_;
+        look();  // as from the real one, its first word is there before its answer
       });
     } else if (const auto* send = std::get_if<SendCall>(&call.what)) {
       calls.push_back(is_stopping ? "brake" : "send");
