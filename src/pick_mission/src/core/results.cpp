@@ -161,7 +161,9 @@ void recordFailure(const Mission::Running& ended, const event::Reply& reply, con
   mission.is_drive_due = mission.is_next_planned = false;
   if (countsInARow(action, reaction, mission)) ++streakOf(action, memory);
   // The brick may lie in its place.
-  if (action == State::kPick && std::holds_alternative<NoAnswer>(reply.result)) ++memory.places_used;
+  if (action == State::kPick && std::holds_alternative<NoAnswer>(reply.result) && mission.hand != Hand::kHolding) {
+    ++memory.places_used;
+  }
   if (const auto* selection = std::get_if<SelectionResult>(&reply.result)) mission.selection = *selection;
   if (action == State::kPlanPick && reaction.blames_brick) {
     memory.ledger.planFailed(ended.brick->id, kind);

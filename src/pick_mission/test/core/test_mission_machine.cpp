@@ -135,6 +135,21 @@ TEST(MissionMachine, APickWithoutAnAnswerMayHaveUsedItsPlace) {
   EXPECT_EQ(places, (std::vector<std::string>{"container_place_1", "container_place_2", "container_place_3"}));
 }
 
+TEST(MissionMachine, APickWithoutAnAnswerWhoseBrickIsInTheHandHasUsedNoPlace) {
+  for (const Hand hand : {Hand::kHolding, Hand::kEmpty}) {
+    ToyMission run(surveying(), ToyWorld::ofStacks({2}));
+    run.start();
+    while (run.world.action != State::kPick) ASSERT_TRUE(run.advance());
+    event::Reply reply;
+    reply.id = run.world.running->id;
+    reply.result = NoAnswer{};
+    reply.hand = hand;
+    run.world.running.reset();
+    run.tell(reply);
+    EXPECT_EQ(run.machine.placesUsed(), hand == Hand::kHolding ? 0 : 1);
+  }
+}
+
 TEST(MissionMachine, TheNextMissionKnowsWhatIsInTheContainer) {
   ToyMission run({}, ToyWorld::ofStacks({1}));
   event::Start start;
