@@ -162,9 +162,9 @@ def interval(values):
     return np.sort(means)[[int(0.025 * NUM_RESAMPLES) - 1, int(0.975 * NUM_RESAMPLES) - 1]]
 
 
-def flips_of(differences):
-    """p, in the two-sided test that flips the differences' signs, of each flip; the first is what was found. How likely
-    chance gives as large a mean: exact, at least 2 / 2^n, up to MAX_EXACT differences; of more, from as many random
+def p_of_flips(differences):
+    """p of each flip of the differences' signs, in the two-sided test; the first is what was found. How likely chance
+    gives as large a mean: exact, at least 2 / 2^n, up to MAX_EXACT differences; of more, from as many random
     flips as those have. nan of fewer than two differences."""
     count = len(differences)
     if count < 2:
@@ -218,7 +218,7 @@ def summaries_of(rows):
                 low, high = interval(numbers) if numbers else (math.nan, math.nan)
                 entry.update({name: statistics.fmean(numbers) if numbers else math.nan, f"{name}_low": low,
                               f"{name}_high": high})
-            p = flips_of(pairs)
+            p = p_of_flips(pairs)
             found.append({**entry, "pairs": len(pairs), "p": p[0], "chance": np.mean(p < SHOWN_BELOW)})
     return found
 
@@ -303,7 +303,7 @@ def lasting_text(rows):
             bricks = differences(runs, first, "bricks_stowed")
             coverage = [100 * value for value in differences(runs, first, "map_coverage")]
             table.append((scene, cycle, variant, len(bricks), *itertools.chain.from_iterable(
-                (with_interval(values, "+.1f"), format(flips_of(values)[0], ".2g") if len(values) > 1 else "-")
+                (with_interval(values, "+.1f"), format(p_of_flips(values)[0], ".2g") if len(values) > 1 else "-")
                 for values in (bricks, coverage))))
     return markdown(table) + "\n" if len(table) > 1 else ""
 

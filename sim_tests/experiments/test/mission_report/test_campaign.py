@@ -434,19 +434,19 @@ class Campaign(unittest.TestCase):
     def test_p_counts_the_signs_that_give_as_much(self):
         # The sums of 1, 2 and 4 with any signs: -7, -5, -3, -1, 1, 3, 5, 7.
         for values, expected in (((1.0, 2.0, 4.0), 2 / 8), ((1.0, 2.0, -4.0), 1.0), ((1.0, -2.0, 4.0), 6 / 8), ((0.0, 0.0), 1.0), ((3.0,), np.nan), ((), np.nan)):
-            np.testing.assert_allclose(table_campaign.flips_of(values)[0], expected)
+            np.testing.assert_allclose(table_campaign.p_of_flips(values)[0], expected)
 
     def test_flips_tell_how_likely_a_low_p_is_by_chance(self):
         for pairs, expected in ((4, 0.0), (5, 2 / 32), (8, 24 / 256)):  # of powers of two no two sums are equal: p is 2/2^n, 4/2^n, ...
-            self.assertEqual(np.mean(table_campaign.flips_of(2.0 ** np.arange(pairs)) < 0.1), expected)
-        self.assertEqual(np.mean(table_campaign.flips_of((0.0,) * 6) < 0.1), 0.0)
+            self.assertEqual(np.mean(table_campaign.p_of_flips(2.0 ** np.arange(pairs)) < 0.1), expected)
+        self.assertEqual(np.mean(table_campaign.p_of_flips((0.0,) * 6) < 0.1), 0.0)
 
     def test_p_of_many_pairs_is_near_the_binomial(self):
         for plus, count in ((14, 20), (30, 50)):
             expected = 2.0 * scipy.stats.binom.sf(plus - 1, count, 0.5)
             atol = 4.0 * np.sqrt(expected / 2 ** table_campaign.MAX_EXACT)  # four times the standard deviation of the share
-            np.testing.assert_allclose(table_campaign.flips_of([1.0] * plus + [-1.0] * (count - plus))[0], expected, atol=atol)
-        self.assertEqual(table_campaign.flips_of([1.0] * 60)[0], 2.0 ** -table_campaign.MAX_EXACT)
+            np.testing.assert_allclose(table_campaign.p_of_flips([1.0] * plus + [-1.0] * (count - plus))[0], expected, atol=atol)
+        self.assertEqual(table_campaign.p_of_flips([1.0] * 60)[0], 2.0 ** -table_campaign.MAX_EXACT)
 
     def test_interval_of_yes_and_no_is_the_binomial(self):
         for successes, total in ((3, 8), (5, 10), (1, 5)):

@@ -85,7 +85,8 @@ TEST_F(NbvSelectionCost, FailuresOfBeforeTheClockRanBackAreForgotten) {
   ASSERT_TRUE(waitUntil([&] {  // a goal may arrive before the clock's message does
     send();
     waitUntil([this] { return isDone(); });
-    return client_->action.getResult()->selection.header.stamp == before_any_goal;
+    const auto result = client_->action.getResult();
+    return result && result->selection.header.stamp == before_any_goal;
   }));
   std_srvs::Trigger forget;
   ASSERT_TRUE(node_tests::call("/nbv_selection/forget_failures", forget));

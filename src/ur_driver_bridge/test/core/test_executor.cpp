@@ -478,7 +478,7 @@ TEST(Executor, AProtectiveStopIsToldThoughTheRobotFirstTellsThatItsProgramStands
 
 TEST(Executor, ASlowedArmIsWatchedAnewWhereItIsAndArrives) {
   // At 0.8 a watch is older than a monitor may be silent when the next begins.
-  for (const auto& [scaling, least_watches] : {std::pair(0.1, 10), std::pair(0.8, 2)}) {
+  for (const auto& [scaling, least_watches] : {std::pair(0.1, 11), std::pair(0.8, 2)}) {
     Mover arm;
     arm.scaling = scaling;
     const auto finished = arm.run(60.0, [&] {
